@@ -2,15 +2,44 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from json import JSONDecodeError, loads
+from json import loads
 from pathlib import Path
-from typing import Any
+from reprlib import repr as shorten
+from typing import Any, Protocol
 
-from muybridge.errors import ModelError
+from muybridge.errors import ModelError, parsing
 from muybridge.models.shipped import ModelKind
 from muybridge.models.uncertainty import SpreadCalibration
+
+
+class OnnxSession(Protocol):
+    """What is used of an onnxruntime session, which this package does not import."""
+
+    def get_modelmeta(self) -> Any:
+        """The file's description."""
+        ...
+
+
+# No network is larger: longest side of an input (px) and its area, so that a stated size cannot exhaust memory.
+LARGEST_SIDE_PX, LARGEST_AREA_PX = 4096, 2048**2
+LARGEST_NUMBER = 1e9  # beyond any quantity of a network's
+_DIGITS = 18
+_MOST_TIMES, _LONGEST_S = 1000, 60.0
+
+
+def metadata_of(session: OnnxSession, path: Path) -> dict[str, str]:
+    """A network's custom metadata.
+
+    Args:
+        session: of onnxruntime.
+        path: of its file, for the message.
+
+    Raises:
+        ModelError: the metadata are not text in UTF-8.
+    """
+    with parsing(path, ModelError, "an ONNX file with metadata in UTF-8"):
+        return {str(k): str(v) for k, v in session.get_modelmeta().custom_metadata_map.items()}
 
 
 class Reader:
@@ -50,22 +79,33 @@ class Reader:
             raise self.error(f"its metadata has no {key}")
         return value
 
-    def integer(self, key: str, multiple_of: int = 1) -> int:
-        """A positive whole number, divisible by `multiple_of`."""
-        text = self.text(key)
-        if not text.isdecimal() or int(text) == 0 or int(text) % multiple_of:
-            wanted = "a positive whole number" + (f" divisible by {multiple_of}" if multiple_of > 1 else "")
-            raise self.error(f"{key} is {text!r}, not {wanted}")
-        return int(text)
+    def seconds(self, key: str) -> tuple[float, ...]:
+        """A JSON list of numbers, of up to a minute either way."""
+        values = self.json(key)
+        if not isinstance(values, list) or len(values) > _MOST_TIMES:
+            raise self.error(f"{key} is not a list of seconds")
+        for value in values:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LONGEST_S:
+                raise self.error(f"{key} is not a list of seconds")
+        return tuple(float(value) for value in values)
 
-    def positive(self, value: Any, key: str) -> float:
-        """`value`, which must be a positive number; `key` is its name in messages."""
+    def integer(self, key: str, multiple_of: int = 1, most: int = LARGEST_SIDE_PX) -> int:
+        """A positive whole number of at most `most`, divisible by `multiple_of`."""
+        text = self.text(key)
+        number = int(text) if text.isdecimal() and len(text) <= _DIGITS else 0
+        if not 0 < number <= most or number % multiple_of:
+            wanted = "a positive whole number" + (f" divisible by {multiple_of}" if multiple_of > 1 else "")
+            raise self.error(f"{key} is {shorten(text)}, not {wanted} of at most {most}")
+        return number
+
+    def positive(self, value: Any, key: str, zero: bool = False) -> float:
+        """`value`, which must be a positive number, or `zero` if that is valid; `key` is its name in messages."""
         try:
             number = float(value)
-        except (TypeError, ValueError):
-            raise self.error(f"{key} is {value!r}, not a number") from None
-        if not (math.isfinite(number) and number > 0):
-            raise self.error(f"{key} is {number}, not a positive number")
+        except (TypeError, ValueError, OverflowError):
+            raise self.error(f"{key} is {shorten(value)}, not a number") from None
+        if not (0 < number < LARGEST_NUMBER or zero and number == 0):
+            raise self.error(f"{key} is {number:g}, not a positive number below {LARGEST_NUMBER:g}")
         return number
 
     def knots(self, value: Any, key: str) -> tuple[tuple[float, float], ...]:
@@ -115,7 +155,8 @@ class Reader:
 
     def json(self, key: str) -> Any:
         """The value of a field that is JSON."""
+        text = self.text(key)
         try:
-            return loads(self.text(key))
-        except JSONDecodeError:
-            raise self.error(f"{key} is not JSON") from None
+            return loads(text)
+        except Exception as error:  # nesting and numbers of thousands of digits raise others than JSON's own
+            raise self.error(f"{key} is not JSON") from error

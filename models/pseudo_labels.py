@@ -12,6 +12,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, ByteArray, Float32Array
 from muybridge.errors import FormatError
 from muybridge.files import replacing
+from muybridge.npz import LIMIT, load_npz
 
 _FORMAT = 2
 
@@ -53,9 +54,11 @@ def load_pseudo_labels(path: Path) -> PseudoLabels:
         FormatError: the file is missing, damaged, or something else.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("crops", "landmarks_px", "agreed", "held_out")}
-            about = json.loads(str(file["about"]))
+        if not path.is_file():
+            raise FormatError(f"{path}: no such file", remedy="pseudo_labels")
+        stored = load_npz(path, what="a file of pseudo-labels", limit=LIMIT)
+        arrays = {name: stored[name] for name in ("crops", "landmarks_px", "agreed", "held_out")}
+        about = json.loads(str(stored["about"]))
         crops, landmarks, agreed, held_out = arrays.values()
         count, joints = len(crops), landmarks.shape[1]
         shapes = (landmarks.shape, agreed.shape, held_out.shape) == ((count, joints, 2), (count, joints), (count,))
@@ -64,9 +67,10 @@ def load_pseudo_labels(path: Path) -> PseudoLabels:
         if not shapes or not count:
             raise ValueError("its arrays do not fit together")
         return PseudoLabels(crops, landmarks, agreed, held_out, float(about["padding"]), about["facts"])
-    except FileNotFoundError as error:
-        raise FormatError(f"{path}: no such file", remedy="pseudo_labels") from error
-    except Exception as error:  # the exceptions of numpy and zipfile share no other base class
+    except FormatError:
+        raise
+    except Exception as error:  # whatever may be in it instead
+        reason = " ".join(str(error).split())[:200]
         raise FormatError(
-            f"{path}: not a file of pseudo-labels, or a damaged one ({error})", remedy="pseudo_labels"
+            f"{path}: not a file of pseudo-labels, or a damaged one ({reason})", remedy="pseudo_labels"
         ) from error

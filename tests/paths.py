@@ -17,3 +17,11 @@ def tracked_files(repository: Path = REPOSITORY) -> list[Path]:
         pytest.skip("not a git checkout")
     paths = (repository / name for name in done.stdout.split("\0") if name)
     return [path for path in paths if path.is_file() and not path.is_symlink()]
+
+
+def case_file(name: str) -> Path:
+    """A file of the cases that once went wrong, such as `c3d_shifted/a.c3d`; the test is skipped where it is absent."""
+    path = DATA / "cases" / name
+    if not path.is_file():
+        pytest.skip(f"../shared/data/cases/{name} is not here")
+    return path

@@ -14,6 +14,8 @@ from typing import Any
 
 from muybridge.remedies import REMEDIES
 
+_LONGEST = 1200  # characters of a message
+
 
 class MuybridgeError(Exception):
     """Base of every error that a user can fix.
@@ -82,31 +84,44 @@ class MissingExtraError(MuybridgeError):
 
 
 @contextmanager
-def parsing(path: Path | str, error: type[MuybridgeError], what: str) -> Iterator[None]:
+def parsing(path: Path | str, error: type[MuybridgeError], what: str, remedy: str | None = None) -> Iterator[None]:
     """Turn anything that parsing a damaged file may raise into an error that names the file.
 
     Every reader of a file that comes from outside runs its parser in this context. Errors of the family pass through
-    unchanged. The original exception is kept as the cause, so that a bug in a parser still shows its traceback in the
-    detailed log.
+    unchanged, but for what they quote of the file, which is cut where it is long. The original exception is kept as the
+    cause, so that a bug in a parser still shows its traceback in the detailed log.
 
     Args:
         path: the file, as the message names it.
         error: kind of error to raise.
         what: the file's format with its article, such as "a BVH".
+        remedy: key of what to do about it, which needs no details.
 
     Raises:
         MuybridgeError: of kind `error`, for any other exception.
     """
     try:
         yield
-    except MuybridgeError:
-        raise
+    except MuybridgeError as problem:
+        short = _one_line(problem.message)
+        if short == problem.message:
+            raise
+        raise problem.reworded(short) from problem
     except MemoryError as problem:
-        raise error(f"{path}: declares more data than fits into memory; {what} of this size is damaged") from problem
+        raise error(
+            f"{path}: declares more data than fits into memory; {what} of this size is damaged", remedy=remedy
+        ) from problem
     except RecursionError as problem:
-        raise error(f"{path}: nested too deeply for {what}; the file is damaged") from problem
+        raise error(f"{path}: nested too deeply for {what}; the file is damaged", remedy=remedy) from problem
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:
-        reason = " ".join(str(problem).split())[:200] or type(problem).__name__
-        raise error(f"{path}: damaged, or not {what}: {reason}") from problem
+        reason = " ".join(str(problem).partition("; use sys.")[0].split())[:200] or type(problem).__name__
+        raise error(f"{path}: damaged, or not {what}: {reason}", remedy=remedy) from problem
+
+
+def _one_line(message: str) -> str:
+    """A message without line breaks, and of a length that can be read even where it quotes a damaged file."""
+    line = " ".join(message.split()) if "\n" in message or "\r" in message else message
+    half = _LONGEST // 2
+    return line if len(line) <= _LONGEST else f"{line[:half]} [...] {line[-half:]}"

@@ -1,6 +1,6 @@
 """Marker sets: the markers that laboratories use, and their positions on the body."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -48,7 +48,9 @@ SURFACE = LandmarkSet(
     ),
 )  # fmt: skip
 MarkerChoice = Literal["none", "plug-in-gait", "cmu", "all"]
-JITTER_MM = 15.0
+# Points on segments, not on bones: where exactly a set has them is a matter of taste.
+ANYWHERE = ("upper_arm", "forearm", "thigh", "shank", "scapula")
+JITTER_MM, _LOOSE_MM, _NEAR_MM = 15.0, 40.0, 60.0
 _MEDIAL = {"LKNM": "left_knee_medial", "RKNM": "right_knee_medial", "LANM": "left_malleolus_medial",
            "RANM": "right_malleolus_medial"}  # fmt: skip
 
@@ -58,14 +60,19 @@ class MarkerSet(LandmarkSet):
     """A laboratory's marker set: `names` are those of `SURFACE`, `labels` the laboratory's own (``LASI``).
 
     Left and right markers of a limb may be at different heights on purpose; left-right pairs are defined by the labels.
+
+    Attributes:
+        labels: of the markers.
+        near: labels of markers that stand near their point, not on it: enough to recognise them by, not to fit a body.
     """
 
     labels: tuple[str, ...]
+    near: tuple[str, ...] = ()
 
     @property
     def mirror(self) -> tuple[int, ...]:
         """For each marker the index of its counterpart on the other side, by label (itself where there is none)."""
-        flip = {"L": "R", "R": "L"}
+        flip = {"L": "R", "R": "L", "l": "r", "r": "l"}
         twins = [flip.get(label[0], label[0]) + label[1:] for label in self.labels]
         return tuple(self.labels.index(t) if t in self.labels else i for i, t in enumerate(twins))
 
@@ -73,6 +80,19 @@ class MarkerSet(LandmarkSet):
     def surface_indices(self) -> tuple[int, ...]:
         """Index of each marker in `SURFACE`: ``points[:, PLUG_IN_GAIT.surface_indices]`` are the points of the set."""
         return tuple(SURFACE.index(n) for n in self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerDistances:
+    """Distances between a person's M markers, measured in a labelled recording.
+
+    Attributes:
+        mean_m: (M, M) metres, NaN where a pair was not measured.
+        sigma_m: (M, M) their standard deviation while the person moved.
+    """
+
+    mean_m: FloatArray
+    sigma_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -84,12 +104,14 @@ class MarkerPlan:
         jitter_m: (M,) standard deviation of each marker's placement, metres.
         optional: (M,) whether recordings may lack the marker.
         twins: (M,) index of the marker's counterpart on the other side, its own where there is none.
+        distances: between the markers of one person, where the set was learned from one.
     """
 
     markers: MarkerSet
     jitter_m: FloatArray
     optional: BoolArray
     twins: tuple[int, ...]
+    distances: MarkerDistances | None = None
 
 
 def _set(name: str, by_label: dict[str, str]) -> MarkerSet:
@@ -114,9 +136,10 @@ def _more(markers: MarkerSet, name: str, more: dict[str, str]) -> MarkerSet:
 
 def plan_of(markers: MarkerSet) -> MarkerPlan:
     """A set with the usual jitter, in which only the markers that separate the parts of the body are required."""
-    anywhere = ("upper_arm", "forearm", "thigh", "shank", "scapula")
-    loose = np.array([any(stem in name for stem in anywhere) for name in markers.names])
-    return MarkerPlan(markers, np.where(loose, 0.04, JITTER_MM / 1000), loose, twins_of(markers))
+    near = np.array([label in markers.near for label in markers.labels])
+    loose = np.array([any(stem in name for stem in ANYWHERE) for name in markers.names]) | near
+    jitter = np.where(near, _NEAR_MM, np.where(loose, _LOOSE_MM, JITTER_MM)) / 1000
+    return MarkerPlan(markers, jitter, loose, twins_of(markers))
 
 
 def twins_of(markers: MarkerSet) -> tuple[int, ...]:
@@ -171,6 +194,48 @@ CMU = _set(
 _LEGS = _subset(PLUG_IN_GAIT, "lower16", only=("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE"))
 
 
+def _sided(name: str, letters: tuple[str, str], sided: dict[str, str], middle: dict[str, str],
+           near: tuple[str, ...] = (), suffix: str = "") -> MarkerSet:  # fmt: skip
+    """A set whose two sides are alike: labels without their side -> points of `SURFACE` without theirs."""
+    by_label = {label + suffix: point for label, point in middle.items()}
+    for letter, side in zip(letters, ("right", "left"), strict=True):
+        by_label |= {f"{letter}{label}{suffix}": f"{side}_{point}" for label, point in sided.items()}
+    there = tuple(f"{letter}{label}{suffix}" for letter in letters for label in near)
+    return replace(_set(name, by_label), near=there)
+
+
+# The markers that OpenSim's models carry. gait2354 and gait2392: the trial's 41 markers. Of clusters, as many as the
+# body has points for.
+_GAIT2354 = _sided(
+    "gait2354", ("R.", "L."),
+    {"ASIS": "asis", "Thigh.Upper": "thigh_proximal", "Thigh.Front": "patella", "Thigh.Rear": "thigh_distal",
+     "Shank.Upper": "knee_lateral", "Shank.Front": "tibial_tuberosity", "Shank.Rear": "shank_proximal", "Heel": "heel",
+     "Midfoot.Sup": "toe", "Midfoot.Lat": "malleolus_lateral", "Toe.Tip": "hallux", "Toe.Lat": "metatarsal_5",
+     "Toe.Med": "metatarsal_1", "Acromium": "acromion", "Bicep": "upper_arm_distal", "Elbow": "elbow_lateral",
+     "Wrist.Med": "ulnar_styloid", "Wrist.Lat": "radial_styloid", "Temple": "front_head"},
+    {"V.Sacral": "sacrum", "Sternum": "xiphoid", "Top.Head": "crown"},
+    near=("Thigh.Front", "Shank.Upper", "Midfoot.Sup", "Midfoot.Lat"),
+)  # fmt: skip
+_RAJAGOPAL = _sided(
+    "rajagopal", ("R", "L"),
+    {"ACR": "acromion", "ASI": "asis", "PSI": "psis", "LFC": "knee_lateral", "MFC": "knee_medial",
+     "LMAL": "malleolus_lateral", "MMAL": "malleolus_medial", "CAL": "heel", "TOE": "toe", "MT5": "metatarsal_5",
+     "TH1": "thigh_proximal", "TH2": "thigh_distal", "TB1": "shank_proximal", "TB2": "shank_distal",
+     "LEL": "elbow_lateral", "MEL": "elbow_medial", "FAradius": "radial_styloid", "FAulna": "ulnar_styloid",
+     "UA1": "upper_arm_proximal", "UA2": "upper_arm_distal", "FAsuperior": "forearm_proximal"},
+    {"CLAV": "sternal_notch", "C7": "c7"}, near=("TH1", "TH2", "TB1", "TB2", "UA1", "UA2"),
+)  # fmt: skip
+_OPENCAP = _sided(
+    "opencap", ("r", "L"),
+    {"_shoulder": "acromion", ".ASIS": "asis", ".PSIS": "psis", "_knee": "knee_lateral", "_mknee": "knee_medial",
+     "_ankle": "malleolus_lateral", "_mankle": "malleolus_medial", "_calc": "heel", "_toe": "toe",
+     "_5meta": "metatarsal_5", "_thigh1": "thigh_proximal", "_thigh2": "thigh_distal", "_sh1": "shank_proximal",
+     "_sh2": "shank_distal", "_lelbow": "elbow_lateral", "_melbow": "elbow_medial", "_lwrist": "radial_styloid",
+     "_mwrist": "ulnar_styloid"},
+    {"C7": "c7"}, near=("_thigh1", "_thigh2", "_sh1", "_sh2"), suffix="_study",
+)  # fmt: skip
+
+
 SETS: dict[str, MarkerSet] = {
     "pig39": PLUG_IN_GAIT,
     "pig37": _subset(PLUG_IN_GAIT, "pig37", without=("FIN",)),
@@ -179,4 +244,7 @@ SETS: dict[str, MarkerSet] = {
     "cmu41": CMU,
     "lower16": _LEGS,
     "lower22": _more(_LEGS, "lower22", _MEDIAL | {"LMT5": "left_metatarsal_5", "RMT5": "right_metatarsal_5"}),
+    "gait2354": _GAIT2354,
+    "rajagopal": _RAJAGOPAL,
+    "opencap": _OPENCAP,
 }

@@ -275,21 +275,21 @@ def _alternatives(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: F
 
 @numba.njit(cache=True)
 def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatArray, known: FloatArray,
-            twin: IndexArray, scale: float, weights: FloatArray, rounds: int, seed: int) -> IndexArray:  # fmt: skip
+            twin: IndexArray, scale: float, weights: FloatArray, rounds: int,
+            rng: np.random.Generator) -> IndexArray:  # fmt: skip
     """Take the names of neighbours away and give them again, best first, as long as that improves the whole."""
-    np.random.seed(seed)
     columns, size = gain.shape
     best = chosen.copy()
     trial = chosen.copy()
     removed = np.zeros(size, np.bool_)
     for turn in range(rounds):
-        centre = turn % size if turn < size else np.random.randint(size)
+        centre = turn % size if turn < size else int(rng.random() * size)
         before, after = 0.0, 0.0
         trial[:] = best
         removed[:] = False
-        share = 0.5 + 0.5 * np.random.random()
+        share = 0.5 + 0.5 * rng.random()
         for b in range(size):
-            if b == centre or (known[3, centre, b] > 0.0 and np.random.random() < share):
+            if b == centre or (known[3, centre, b] > 0.0 and rng.random() < share):
                 removed[b] = True
                 if trial[b] >= 0:
                     k = trial[b]
@@ -306,7 +306,7 @@ def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatAr
                     for k in range(columns):
                         if near[b, k] and not taken[k]:
                             value = gain[k, b] + fit_of(b, k, trial, seen, known, twin, scale, weights)
-                            value += np.random.random() * 1.0 if turn >= size else 0.0
+                            value += rng.random() * 1.0 if turn >= size else 0.0
                             if value > most:
                                 most, who, where = value, b, k
             if who < 0:
@@ -333,7 +333,9 @@ class Judge:
         self.seen = np.stack([columns.mean_m, columns.spread_m, columns.known])
         self.known = np.stack([bodies.distance_m, bodies.sigma_m, bodies.motion_m, bodies.linked])
         self.scale = 1.0
-        self.start = np.where(np.isfinite(columns.place[:, : len(bodies.twin), 0]).any(0), np.arange(len(bodies.twin)), -1)
+        self.start = np.where(
+            np.isfinite(columns.place[:, : len(bodies.twin), 0]).any(0), np.arange(len(bodies.twin)), -1
+        )
         self.scale = self._scale()
 
     def _scale(self) -> float:
@@ -361,7 +363,7 @@ class Judge:
         """Exchange names, and names for unnamed columns, as long as that improves the whole."""
         rounds = self.options.rounds * len(chosen) if rounds is None else rounds
         return _search(chosen, self.options.network * self.columns.gain, self._near(chosen), self.seen, self.known,
-                       self.bodies.twin, self.scale, self.weights, rounds, 0)  # fmt: skip
+                       self.bodies.twin, self.scale, self.weights, rounds, np.random.default_rng(0))  # fmt: skip
 
     def alternatives(self, chosen: IndexArray) -> FloatArray:
         """(A, K + 1) what the whole gains if a label moves to another column, and that column's label takes the place

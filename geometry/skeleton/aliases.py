@@ -1,16 +1,18 @@
 """Names that other programs give the landmarks of BODY23 and the markers of SURFACE.
 
-Recognised are the spellings of COCO, HALPE, OpenPose and Pose2Sim, MediaPipe, and names of joints in skeletons;
-labels of Plug-in Gait and the CMU marker set; each with or without a subject's name before a colon.
+Recognised are the spellings of COCO, HALPE, OpenPose and Pose2Sim, MediaPipe, and names of joints in skeletons; names
+of markers as in `muybridge.geometry.landmarks.marker_names`; each with or without a subject's name before a colon.
 
 Sources: T.-Y. Lin and others, Microsoft COCO, 2014; H.-S. Fang and others, HALPE full-body, 2022; OpenPose's BODY_25
-and BODY_25B; Vicon, Plug-in Gait reference guide.
+and BODY_25B.
 """
 
+import difflib
 import re
 from collections.abc import Callable, Sequence
 
-from muybridge.geometry.landmarks.marker_sets import CMU, PLUG_IN_GAIT, SURFACE
+from muybridge.geometry.landmarks.marker_names import is_known, is_label, map_names, normal, surface_of
+from muybridge.geometry.landmarks.marker_sets import SETS
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.geometry.skeleton.profiles import roles_of
 
@@ -20,27 +22,13 @@ _PARTS = {
     "bigtoe": "big_toe", "toebig": "big_toe", "footindex": "big_toe", "greattoe": "big_toe", "hallux": "big_toe",
     "smalltoe": "small_toe", "littletoe": "small_toe", "toesmall": "small_toe", "pinkytoe": "small_toe",
 }  # fmt: skip
+_CENTRE = re.compile(r"([lr])([hkasew]jc)\d*$")
+_JOINT_OF_CENTRE = {"hjc": "thigh", "kjc": "shin", "ajc": "foot", "sjc": "upper_arm", "ejc": "forearm", "wjc": "hand"}
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 # Landmarks that coincide with a skeleton's joint.
 _LANDMARK_OF_ROLE = {
     "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shin": "knee", "foot": "ankle",
 }  # fmt: skip
-# Labels that mean the same marker in sets of other laboratories.
-_OTHER_LABELS = {
-    "SACR": "sacrum", "LMT1": "left_metatarsal_1", "RMT1": "right_metatarsal_1", "LMT5": "left_metatarsal_5",
-    "RMT5": "right_metatarsal_5", "LHAL": "left_hallux", "RHAL": "right_hallux", "LKNM": "left_knee_medial",
-    "RKNM": "right_knee_medial", "LMED": "left_malleolus_medial", "RMED": "right_malleolus_medial",
-    "LELM": "left_elbow_medial", "RELM": "right_elbow_medial", "LANM": "left_malleolus_medial",
-    "RANM": "right_malleolus_medial", "LMKNE": "left_knee_medial", "RMKNE": "right_knee_medial",
-    "LMELB": "left_elbow_medial", "RMELB": "right_elbow_medial", "LMANK": "left_malleolus_medial",
-    "RMANK": "right_malleolus_medial",
-}  # fmt: skip
-
-_MARKER_OF_LABEL = {
-    **{label.upper(): name for s in (PLUG_IN_GAIT, CMU) for label, name in zip(s.labels, s.names, strict=True)},
-    **_OTHER_LABELS,
-    **{name.upper(): name for name in SURFACE.names},
-}
 
 
 def body_landmark(name: str) -> str | None:
@@ -91,26 +79,38 @@ def map_surface(names: Sequence[str]) -> dict[str, int]:
 
 
 def _map_surface(names: Sequence[str]) -> dict[str, int]:
+    return map_names([name.rsplit(":", 1)[-1] for name in names])
+
+
+def joint_centres_of(names: Sequence[str]) -> dict[str, int]:
+    """Joint of `body.BODY` -> index in `names` of the joint centre that a gait model computed (`LKJC`: left shin)."""
     out: dict[str, int] = {}
     for i, name in enumerate(names):
-        label = _label(name)
-        if label in _MARKER_OF_LABEL:
-            out.setdefault(_MARKER_OF_LABEL[label], i)
+        if (match := _CENTRE.match(normal(name))) and match[2] in _JOINT_OF_CENTRE:
+            out.setdefault(f"{_SIDES[match[1]]}_{_JOINT_OF_CENTRE[match[2]]}", i)
     return out
 
 
-def _label(name: str) -> str:
-    """A marker's label in capitals, without a prefix that ends in a colon or, if the whole is no label,
-    in an underscore."""
-    plain = name.rsplit(":", 1)[-1].strip().upper()
-    return plain if plain in _MARKER_OF_LABEL else plain.rsplit("_", 1)[-1]
+def nearest_names(unknown: Sequence[str], most: int = 4) -> list[str]:
+    """One sentence on unknown names and the known ones nearest to them; empty where there are none."""
+    known = {normal(label): label for s in SETS.values() for label in s.labels}
+    known |= {normal(name): name for name in BODY23.names}
+    near = [(name, known[found[0]]) for name in unknown
+            if (found := difflib.get_close_matches(normal(name), known, 1, 0.7))]  # fmt: skip
+    if not near:
+        return []
+    return ["the nearest known names are " + ", ".join(f"{there} for {name}" for name, there in near[:most])]
 
 
 def subject_of(name: str) -> str:
-    """The subject of a label: its prefix before a colon or before a known marker's label; "" without a prefix."""
-    label, colon = _label(name), name.rfind(":") + 1
-    name = name.rstrip()
-    return (name[: -len(label)] if label in _MARKER_OF_LABEL else name[:colon]).strip().rstrip(":_")
+    """The subject of a label: its prefix before a colon or, where the rest is a label of a set, before an underscore;
+    "" without a prefix."""
+    name = name.strip()
+    subject, _, label = name.rpartition(":")
+    before, _, last = label.rpartition("_")
+    if before and surface_of(label, True) is not None and not is_known(label) and is_label(last):
+        return f"{subject}:{before}" if subject else before
+    return subject
 
 
 def of_one_subject(names: Sequence[str], find: Callable[[Sequence[str]], dict[str, int]]) -> dict[str, int]:

@@ -1,5 +1,6 @@
 from .left_right import FlipOptions as FlipOptions
 from .left_right import repair_flips as repair_flips
+from .mirrored import find_mirrored as find_mirrored
 from .multiview import TriangulateOptions as TriangulateOptions
 from .multiview import Triangulation as Triangulation
 from .multiview import take_noise as take_noise
@@ -22,6 +23,7 @@ __all__ = [
     "Triangulation",
     "ViewBias",
     "ViewBiasOptions",
+    "find_mirrored",
     "learn_view_bias",
     "leave_one_out_error",
     "leave_one_out_summary",

@@ -10,7 +10,7 @@ from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
 
-Units = Literal["m", "cm", "mm", "in", "cmu"]
+Units = Literal["m", "dm", "cm", "mm", "in", "cmu"]
 Up = Literal["y", "z"]
 
 
@@ -31,9 +31,9 @@ def convert(
 ) -> int:
     """Convert points or motion between file formats, which the suffixes name.
 
-    Points: .trc, .c3d, .csv, .parquet, .npz, and .tsv to read. Motion: .bvh, .amc, .glb, .fbx, and to read .gltf, .vrm,
-    .vrma, to write .usda, .mot. A motion is written to a format of points as the positions of its joints. Points have
-    no joint rotations: `muybridge solve` fits a body to them.
+    Points: .trc, .c3d, .csv, .parquet, .npz, and to read .tsv, .txt. Motion: .bvh, .amc, .glb, .fbx, and to read .gltf,
+    .vrm, .vrma, to write .usda, .mot. A motion is written to a format of points as the positions of its joints. Points
+    have no joint rotations: `muybridge solve` fits a body to them.
 
     Example:
         muybridge convert results/motion.bvh results/motion.fbx

@@ -22,6 +22,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "fps_unstated": "state it with --fps",
     "frames_unnumbered": "number them in a column `frame`, or state with --fps that nothing is missing",
     "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
+    "leave_out_camera": "or leave it out with --cameras",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",
     "lens_pinhole": "give --lens pinhole, or keep the board away from the border of the image",
     "list_body_points": "`muybridge markerset points` lists all",
@@ -31,7 +32,14 @@ COMMAND_REMEDIES: dict[str, str] = {
     "model_of_card": "name its file with --keypoint-model",
     "move_folder": "move it, or choose another --out",
     "network_of_landmarks": "leave out --network",
+    "no_calibration": (
+        "or name one with --calibration; to make one, film a board that `muybridge calibrate print-board board.pdf "
+        "--columns 7 --rows 5 --square 0.035` prints, and run `muybridge calibrate board RECORDINGS --columns 7 "
+        "--rows 5 --square 0.035 --out {session}/calibration.toml`, or measure points and run `muybridge calibrate "
+        "points POINTS.csv --videos {session}/videos --out {session}/calibration.toml`"
+    ),
     "no_model_card": "leave out --model-card",
+    "npz_limit": "save what is needed of it in smaller files, or read it in Python with a larger `limit`",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
@@ -40,7 +48,8 @@ COMMAND_REMEDIES: dict[str, str] = {
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
-    "rename_labels": "rename them, or name unlabelled points with `muybridge label`",
+    "rename_labels": "rename them, learn what they mean with `muybridge markerset from {path} --out set.txt` and solve "
+    "with --markerset set.txt, or name unlabelled points with `muybridge label`",
     "session_results": "leave out --out to get the folder `muybridge` inside the session",
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",
@@ -51,6 +60,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     ),
     "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
+    "up_axis": "give --up y or --up z",
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }

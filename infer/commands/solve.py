@@ -8,7 +8,9 @@ import tyro
 from muybridge.infer.pipelines.solve_points import SolvePointsOptions, solve_points
 from muybridge.infer.runtime.progress import Progress
 
-COMMON_OPTIONS = {"solve": ("out", "overwrite", "units", "up", "fps", "method", "centres", "network", "correct")}
+COMMON_OPTIONS = {
+    "solve": ("out", "overwrite", "units", "up", "fps", "method", "centres", "markerset", "network", "correct")
+}
 
 
 def solve(
@@ -21,8 +23,9 @@ def solve(
     """Fit a moving skeleton to labelled 3D points of any program (.trc .c3d .csv .parquet .npz).
 
     Recognised are the landmarks of COCO, HALPE, OpenPose, Pose2Sim and MediaPipe, the joints of common skeletons, and
-    the markers of Plug-in Gait and CMU. The results folder gets motion.bvh, motion.glb, motion.mot (joint angles for
-    OpenSim), the landmarks of the fitted body as landmarks.trc and landmarks.c3d, and run.json with the residuals.
+    the markers of Plug-in Gait, CMU and OpenSim's models (gait2354, Rajagopal, OpenCap). The results folder gets
+    motion.bvh, motion.glb, motion.mot (joint angles for OpenSim), the landmarks of the fitted body as landmarks.trc and
+    landmarks.c3d, and run.json with the residuals.
 
     Example:
         muybridge solve gait.c3d --out results/gait

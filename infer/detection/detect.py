@@ -21,13 +21,14 @@ from muybridge.infer.detection.exposure import stretch_contrast
 from muybridge.infer.detection.frozen_frames import RepeatedFrames, find_frozen
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.detection.pose_estimator import KeypointOptions, PoseEstimator
-from muybridge.infer.detection.tracks import CameraTracks, tracks_from
-from muybridge.infer.networks.keypoints import SIZES, OnnxOptions
+from muybridge.infer.detection.tracks import CameraTracks, tracks_from, with_rest, without_frames
+from muybridge.infer.networks.keypoints import OnnxOptions
 from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
+from muybridge.infer.session.damage import DamageWatch, damage_notice
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 from muybridge.infer.session.write_video import VideoWriter, fit_inside
@@ -39,6 +40,7 @@ PROXY_LONG_SIDE_PX = 960
 _NAME_BYTES = 150
 # Of a stage's arrays and facts.
 _PLATE, _REPEATS, _STILL_FROM, _LETTERBOX = "plate", "repeats", "still_from", "frames_width_height_angle_and_long_side"
+_DAMAGED, _UNREADABLE = "damaged_frames_of_the_video", "unreadable"
 # The code that 2D landmarks depend on.
 CODE = (
     "muybridge.geometry",
@@ -117,6 +119,16 @@ class CameraResult:
         return own if self.frozen_from is None else own | (np.arange(len(own)) >= self.frozen_from)
 
     @property
+    def damaged(self) -> BoolArray:
+        """(frames,) which frames of the video were decoded from broken data."""
+        return self.stage.arrays[_DAMAGED]
+
+    @property
+    def unreadable(self) -> BoolArray:
+        """(T,) frames of the take in which nobody is looked for: the video is damaged there, or has ended."""
+        return self.stage.arrays[_UNREADABLE]
+
+    @property
     def still_from(self) -> int:
         """The frame from which all frames to the end look the same; the number of frames if none do."""
         return int(self.stage.arrays[_STILL_FROM])
@@ -164,6 +176,12 @@ def detect(
     return [replace(d, frozen_from=start) for d, start in zip(found, starts, strict=True)]
 
 
+def damage_notices(session: Session, found: Sequence[CameraResult]) -> list[str]:
+    """Sentences about damaged frames of the videos (C,)."""
+    notices = (damage_notice(v.path.name, d.damaged) for v, d in zip(session.videos, found, strict=True))
+    return [notice for notice in notices if notice is not None]
+
+
 def is_finished(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions
 ) -> bool:
@@ -179,7 +197,8 @@ def first_pass(options: DetectOptions) -> DetectOptions:
     keypoints, onnx = options.keypoints, options.keypoints.onnx
     if onnx.flip is None:
         onnx = replace(onnx, flip=False)
-    onnx = replace(onnx, size=max(FIRST_PASS * onnx.size, SIZES[0]))
+    if onnx.size is None:  # a stated size is what the network sees in both passes
+        onnx = replace(onnx, size=FIRST_PASS)
     return replace(options, keypoints=replace(keypoints, onnx=onnx))
 
 
@@ -197,6 +216,7 @@ def _key(session: Session, index: int, models: Models, options: DetectOptions) -
     return digest(
         [video.content, video.rotation_deg],
         session.frame_indices[index],
+        session.lasts(index),
         session.fps,
         session.level_cameras[index],
         options.keypoints,
@@ -232,11 +252,11 @@ class _CameraWork:
             self.task.advance(self.session.frames)
             return CameraResult(_tracks(stored, self.models), self.proxy, stored)
         start = time.perf_counter()
-        tracks, plate, repeats, still_from = self._compute()
+        tracks, others = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             name: values if name == "ids" else values.astype(np.float32) for name, values in tracks.arrays().items()
         }
-        arrays |= {_REPEATS: repeats, _STILL_FROM: np.array(still_from)} | ({} if plate is None else {_PLATE: plate})
+        arrays |= others
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = orientation_for(camera, camera.width, camera.height)
@@ -244,7 +264,8 @@ class _CameraWork:
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
         return CameraResult(_tracks(result, self.models), self.proxy, result)
 
-    def _compute(self) -> tuple[CameraTracks, ByteArray | None, BoolArray, int]:
+    def _compute(self) -> tuple[CameraTracks, dict[str, NDArray[Any]]]:
+        """The camera's tracks, and what else its stage keeps."""
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
@@ -252,10 +273,12 @@ class _CameraWork:
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
-        repeats = RepeatedFrames()
+        repeats, watch = RepeatedFrames(), DamageWatch(video)
+        lasts = self.session.lasts(self.index)
+        index = self.session.frame_indices[self.index, :lasts]
         # A temporary copy: speed matters more than size.
         with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
-            for frames in read_chunks(video, self.session.frame_indices[self.index]):
+            for frames in read_chunks(video, index, watch=watch):
                 if self.stop.is_set():
                     raise Stopped
                 for frame in frames:
@@ -264,8 +287,19 @@ class _CameraWork:
                     stretch_contrast(frame)
                 estimator.process(frames)
                 self.task.advance(len(frames))
+        self.task.advance(self.session.frames - lasts)
         tracks = estimator.finish()
-        return tracks, estimator.background(tracks), repeats.confirmed(tracks), repeats.still_from
+        damaged, plate = watch.damaged(), estimator.background(tracks)
+        # A video that ends early has nobody in the rest of the take; one that is shorter than its header says is
+        # noticed by its number of frames.
+        rest = self.session.frames - lasts if tracks.frames == lasts else 0
+        still_from = repeats.still_from + (rest if repeats.still_from == tracks.frames else 0)
+        confirmed = np.append(repeats.confirmed(tracks), np.zeros(rest, np.bool_))
+        unreadable = np.append(damaged[index[: tracks.frames]], np.ones(rest, np.bool_))
+        others = {
+            _REPEATS: confirmed, _STILL_FROM: np.array(still_from), _DAMAGED: damaged, _UNREADABLE: unreadable,
+        } | ({} if plate is None else {_PLATE: plate})  # fmt: skip
+        return without_frames(with_rest(tracks, rest), unreadable), others
 
 
 def _tracks(stage: StageResult, models: Models) -> CameraTracks:

@@ -153,6 +153,9 @@ class TopDownRefinement:
         expected = expected or points
         missing = missing_views(self.session, slots, points, self.options)
         wanted = missing | seeing_views(self.session, expected, self.options) if self.options.everywhere else missing
+        frames = np.arange(wanted.shape[1])
+        readable = np.stack([~found.unreadable[self._own(c, frames)] for c, found in enumerate(self.detected)])
+        missing, wanted = missing & readable, wanted & readable
         if not wanted.any():
             return None
         cameras = np.flatnonzero(wanted.any(axis=1)).tolist()

@@ -47,7 +47,7 @@ def resample_tracks(session: Session, c: int, tracks: CameraTracks, repeats: Boo
     Returns:
         The tracks, linearly interpolated between two frames that show the same person, constant before the first and
         after the last frame, and otherwise those of a frame within half a step. They are missing where there is no such
-        frame, or where two are far apart and the person moved.
+        frame, where two are far apart and the person moved, and after the end of a video that ends early.
     """
     count = len(tracks.body.points_px)
     steps = np.arange(count)
@@ -69,6 +69,8 @@ def resample_tracks(session: Session, c: int, tracks: CameraTracks, repeats: Boo
     between = (tracks.ids[low] == tracks.ids[high]) & (apart > 0)[:, None] & (share > 0)[:, None]
     far = apart > max(LONGEST_GAP_S * session.fps, _LONGEST_GAP_STEPS)
     between &= ~(far[:, None] & (displacement(tracks, low, high) > STILL))
+    if session.ended is not None:
+        near, between = near & ~session.ended[c, :count], between & ~session.ended[c, :count, None]
     nobody = ~between & ~near[:, None]
 
     def resampled(name: str, array: NDArray[Any]) -> NDArray[Any]:

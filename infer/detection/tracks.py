@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 
@@ -132,6 +132,28 @@ def tracks_from(arrays: Mapping[str, NDArray[Any]], sets: Sequence[LandmarkSet])
 def first_frames(tracks: CameraTracks, frames: int) -> CameraTracks:
     """The tracks in the first `frames` frames."""
     return tracks if tracks.frames == frames else tracks.map(lambda _, array: array[:frames])
+
+
+def with_rest(tracks: CameraTracks, frames: int) -> CameraTracks:
+    """The tracks with so many more frames at the end, with nobody in them."""
+    if not frames:
+        return tracks
+
+    def longer(name: str, array: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([array, np.full((frames, *array.shape[1:]), missing_value(name), dtype=array.dtype)])
+
+    return tracks.map(longer)
+
+
+def without_frames(tracks: CameraTracks, frames: BoolArray) -> CameraTracks:
+    """The tracks with nobody in the true ones of (T,) frames."""
+    if not frames.any():
+        return tracks
+
+    def emptied(name: str, array: NDArray[Any]) -> NDArray[Any]:
+        return np.where(frames.reshape(-1, *[1] * (array.ndim - 1)), missing_value(name), array).astype(array.dtype)
+
+    return tracks.map(emptied)
 
 
 def merge_tracks(tracks: Sequence[CameraTracks]) -> dict[str, Keypoints2D]:

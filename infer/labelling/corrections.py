@@ -15,13 +15,15 @@ that two of them exchange two markers.
 
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as shorten
 
 import numpy as np
 
 from muybridge.arrays import IndexArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 
 DELETE = "delete"
+_MOST_DIGITS = 18  # of a frame
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,13 @@ def read_corrections(path: Path) -> list[Correction]:
     Raises:
         FormatError: a line is malformed, or the file cannot be read.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: cannot be read as text ({error}); give an existing corrections file") from error
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file; give an existing file of corrections")
+    with parsing(path, FormatError, "a file of corrections, a text file with one per line"):
+        return _read(path, path.read_text(encoding="utf-8-sig").splitlines())
+
+
+def _read(path: Path, lines: list[str]) -> list[Correction]:
     out = []
     for number, line in enumerate(lines, 1):
         words = line.split("#")[0].replace(",", " ").split()
@@ -62,8 +67,8 @@ def _frames(path: Path, number: int, text: str) -> tuple[int, int]:
     if text == "all":
         return 0, 1 << 60
     first, _, last = text.partition("-")
-    if not (first.isdecimal() and (last.isdecimal() or not last)):
-        raise FormatError(f"{path}: line {number}: {text!r} is no range of frames; write 100-250, 100 or all")
+    if not (first.isdecimal() and (last.isdecimal() or not last)) or max(len(first), len(last)) > _MOST_DIGITS:
+        raise FormatError(f"{path}: line {number}: {shorten(text)} is no range of frames; write 100-250, 100 or all")
     a, b = int(first), int(last or first)
     if b < a:
         raise FormatError(f"{path}: line {number}: the range {text} runs backwards; write {b}-{a}")

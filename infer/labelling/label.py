@@ -10,7 +10,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.marker_sets import MarkerSet
+from muybridge.geometry.landmarks.marker_sets import MarkerDistances, MarkerSet
+from muybridge.geometry.markers.known_distances import KNOWN_WEIGHT, known_rigidity, near_known, open_to_any
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
@@ -37,6 +38,8 @@ _log = logging.getLogger(__name__)
 APART_M = (0.06, 1.0)
 # Votes for a name that is settled by the whole, per frame.
 _SETTLED = 6.0
+# With more points in a frame, their extent decides, metres.
+DENSE, EXTENT_M = 60, (0.7, 2.8)
 FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 
 
@@ -96,7 +99,8 @@ class Labelled:
 
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
-                 options: LabelOptions = LabelOptions(), up: FloatArray | None = None) -> Labelled:  # fmt: skip
+                 options: LabelOptions = LabelOptions(), known: MarkerDistances | None = None,
+                 up: FloatArray | None = None) -> Labelled:  # fmt: skip
     """Label the points of a recording.
 
     Args:
@@ -105,6 +109,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         markers: the set to look for.
         network: scores points.
         options: of every step.
+        known: distances between the person's markers, where they were measured before.
         up: (3,) the axis that the file says is up; None where it says nothing.
 
     Raises:
@@ -121,7 +126,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
         notes.append("the file's trajectories jump from marker to marker: the points were tracked again")
-    bodies = bodies_of(network, markers, options.whole)
+    bodies = bodies_of(network, markers, options.whole, known)
     people = split_people(tracks, len(markers))
     if len(people) > 1:
         people = one_or_two(people, tracks, fps, markers, network, bodies, options.whole, up)
@@ -131,6 +136,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     asked = np.array(markers.surface_indices)
     turn, _ = find_upright(tracks, fps, markers, network, bodies, options.whole, up)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
+    scores = open_to_any(scores) if known else scores
     for note in notes:
         _log.info(note)
     last: Settled | None = None
@@ -142,7 +148,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
             t, s = np.nonzero(first.changed & (label >= 0))
             scores = raw.copy()
             scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
-        scores, label = _repair(scores, label, tracks, asked, fps, network, options)
+        scores, label = _repair(scores, label, tracks, fps, asked, network, options, known)
         if options.votes:
             last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
             label = last.label
@@ -213,21 +219,24 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
     return np.where(piece >= 0, label[piece], -1)
 
 
-def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, asked: IndexArray, fps: float,
-            network: LabelNetwork, options: LabelOptions) -> tuple[FloatArray, IndexArray]:  # fmt: skip
+def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork,
+            options: LabelOptions, known: MarkerDistances | None) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Scores that include distances between markers, and the resulting labels."""
     card, choice = network.card, np.ix_(asked, asked)
     how = options.rigidity
-    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], how.links)
-    fitted = scores
-    for _ in range(how.rounds):
+    table = card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice]
+    prior = known_rigidity(known, *table, how.links) if known else prior_rigidity(*table, how.links)
+    fitted, weight = scores, how.weight * (KNOWN_WEIGHT if known else 1.0)
+    for turn in range(how.rounds):
         named, owner = _named(label, tracks.points, len(asked))
         measured = measured_rigidity(named, prior, how)
+        if known:  # labels that known distances have corrected are measured, not those before
+            measured = near_known(measured, prior) if turn else prior
         fit = distance_scores(tracks.points, named, owner, measured)
         fitted = scores.copy()
-        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + how.weight * 2.5 * fit
+        fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + weight * 2.5 * fit
         before, label = label, _elect(fitted, tracks, fps, options)
-        if np.array_equal(before, label):
+        if np.array_equal(before, label) and (turn or not known):
             break
     if options.votes:
         label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
@@ -238,7 +247,9 @@ def _fit(label: IndexArray, tracks: Tracks, asked: IndexArray, network: LabelNet
          options: LabelOptions) -> FloatArray:  # fmt: skip
     """(T, M) how well every labelled point's distances fit in its frame, from -1 to 1; see `distance_scores`."""
     card, choice = network.card, np.ix_(asked, asked)
-    prior = prior_rigidity(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], options.rigidity.links)
+    prior = prior_rigidity(
+        card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], options.rigidity.links
+    )
     named, owner = _named(label, tracks.points, len(asked))
     fit = distance_scores(tracks.points, named, owner, measured_rigidity(named, prior, options.rigidity))
     out = np.zeros(named.shape[:2])
@@ -270,11 +281,15 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
     count = np.isfinite(points[..., 0]).sum(1)
     frames = np.nonzero(count >= 4)[0]
     frames = frames[np.linspace(0, len(frames) - 1, min(200, len(frames))).astype(int)] if len(frames) else frames
-    apart = []
+    apart, extent = [], []
     for frame in points[frames]:
         there = frame[np.isfinite(frame[:, 0])]
         apart.append(np.median(np.sort(np.linalg.norm(there[:, None] - there, axis=-1), 1)[:, 3]))
+        extent.append(np.linalg.norm(np.ptp(there, axis=0)))
     usual = float(np.median(apart)) if apart else 0.0
+    # Clusters of markers on every segment are closer than a set's markers, but the person has its size.
+    if len(apart) and np.median(count[frames]) > DENSE and EXTENT_M[0] <= np.median(extent) <= EXTENT_M[1]:
+        return 1.0
     for factor in FACTORS:
         if APART_M[0] <= usual * factor <= APART_M[1]:
             if factor != 1.0:

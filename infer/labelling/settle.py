@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.landmarks.marker_sets import MarkerSet
+from muybridge.geometry.landmarks.marker_sets import MarkerDistances, MarkerSet
 from muybridge.geometry.markers.groups import groups_of, head_posture
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.geometry.markers.voting import assign_labels, join_pieces, vote
@@ -17,6 +17,8 @@ from muybridge.infer.networks.labelling import LabelNetwork
 
 # What another axis than Z and Y upwards must be better by, and another than the file states, per marker.
 _UNUSUAL, _AGAINST = 4.0, 2.5
+# Standard deviation of distances that were measured on the person on another day, metres.
+_MEASURED_M = 0.015
 # Quality of the better and of the other of two people relative to that of one person made of both.
 _WHOLE, _HALF = 0.85, 0.5
 _FRAMES = 24
@@ -42,10 +44,16 @@ class Settled:
     changed: BoolArray
 
 
-def bodies_of(network: LabelNetwork, markers: MarkerSet, options: WholeOptions) -> Bodies:
-    """What the network's metadata say about the distances of a set."""
+def bodies_of(network: LabelNetwork, markers: MarkerSet, options: WholeOptions,
+              known: MarkerDistances | None = None) -> Bodies:  # fmt: skip
+    """What the network's metadata say about the distances of a set, and what was measured on the person before."""
     card, choice = network.card, np.ix_(markers.surface_indices, markers.surface_indices)
-    return known_bodies(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], markers.names, options)
+    out = known_bodies(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], markers.names, options)
+    if known is None:
+        return out
+    there = np.isfinite(known.mean_m)
+    return replace(out, distance_m=np.where(there, known.mean_m, out.distance_m),
+                   sigma_m=np.where(there, _MEASURED_M, out.sigma_m))  # fmt: skip
 
 
 def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArray, markers: MarkerSet, bodies: Bodies,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.correction.features import apply_corrections, solver_input
+from muybridge.models.metadata_reader import Reader, metadata_of
 
 # Share of a correction that is applied: the largest with which no held-out take became worse than its fit. People
 # differ from the training data, and most of the gain comes with half of a correction.
@@ -41,18 +41,14 @@ class SolverNetwork:
         """
         self.path, self._batch = path, batch
         self._session = open_session(path, OnnxOptions(threads, batch))
-        metadata = dict(self._session.get_modelmeta().custom_metadata_map)
+        metadata = metadata_of(self._session, path)
         if metadata.get("muybridge_kind") != "solver":
             raise ModelError(
                 f"{path}: is no solver network of muybridge's; leave the option out to use the shipped one"
             )
-        try:
-            self.version = str(metadata["version"])
-            names, joints = json.loads(metadata["names"]), json.loads(metadata["joints"])
-            self.spans = tuple(float(s) for s in json.loads(metadata["spans"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ModelError(f"{path}: its metadata is damaged ({error}); get the file again") from error
-        if tuple(names) != SURFACE.names or tuple(joints) != BODY.joint_names:
+        read = Reader(metadata, path)
+        self.version, self.spans = read.text("version"), read.seconds("spans")
+        if read.names("names") != SURFACE.names or read.names("joints") != BODY.joint_names:
             raise ModelError(f"{path}: is of other markers or joints; train it again with this version of muybridge")
 
     def joints(self, fit: MarkerFit, points_world: FloatArray) -> tuple[FloatArray, FloatArray]:

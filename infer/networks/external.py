@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from reprlib import repr as shorten
 
 import numpy as np
 import onnxruntime
@@ -26,6 +27,9 @@ from muybridge.models.keypoints.test_time import Series
 
 # Radius around a coordinate whose probability is its score, as a share of the crop's longer side.
 _SCORE_RADIUS = 0.04
+
+# Pixels of a batch of fixed size: 64 images of 512 px.
+_LARGEST_BATCH_PX = 64 * 512**2
 
 # These models do not predict visibility: every landmark is as likely hidden as not.
 _UNKNOWN_LOGIT = 0.0
@@ -82,11 +86,17 @@ class ExternalModel:
             not isinstance(found, int) or size in (None, found) for found, size in zip(node.shape, wanted, strict=True)
         )
         if node.type == "tensor(float)" and fits:
+            batch = node.shape[0]
+            if isinstance(batch, int) and not 0 < batch * self.card.width * self.card.height <= _LARGEST_BATCH_PX:
+                raise ModelError(
+                    f"{self.path}: its input takes {batch} images of {self.card.width} x {self.card.height} px; "
+                    "export it with a batch size that varies"
+                )
             return
         raise ModelError(
-            f"{self.path}: its input is {node.type} {list(node.shape)}, its card says float (N, 3, {wanted[2]}, "
-            f"{wanted[3]}); correct width and height in the card, or export the model with float32 images in the order "
-            "N, channels, height, width"
+            f"{self.path}: its input is {node.type} {shorten(list(node.shape))}, its card says float (N, 3, "
+            f"{self.card.height}, {self.card.width}); correct width and height in the card, or export the model with "
+            "float32 images in the order N, channels, height, width"
         )
 
     @property

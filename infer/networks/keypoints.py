@@ -27,13 +27,14 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.test_time import Series, augment_at_test_time, mean_of_mirrored
+from muybridge.models.keypoints.test_time import LEAST, Series, augment_at_test_time, mean_of_mirrored
+from muybridge.models.metadata_reader import metadata_of
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
 _REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
-# Limits of `OnnxOptions.size`.
-SIZES = 0.25, 2.0
+# Limits of `OnnxOptions.size`: below the first the networks find nobody.
+SIZES = LEAST, 2.0
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
@@ -47,7 +48,7 @@ class OnnxOptions:
         flip: run the keypoint network on the mirrored crop too and average: more accurate, twice the time. By default
             with muybridge's 8-bit networks, which take half the time.
         size: side of the keypoint network's crops relative to the one at which it is most accurate; smaller crops are
-            faster.
+            faster. By default 1, and less in a first pass over views that are all read again.
         turn: test-time augmentation of the keypoint network: people seen in part are also read smaller, crops of low
             confidence also rotated by quarter turns (people who lie or stand on their hands) and, where crops are
             mirrored, tilted to both sides.
@@ -56,13 +57,13 @@ class OnnxOptions:
     threads: int = 1
     batch: int = 16
     flip: bool | None = None
-    size: float = 1.0
+    size: float | None = None
     turn: bool = True
 
     def __post_init__(self) -> None:
         if self.threads < 1 or self.batch < 1:
             raise ValueError("threads and batch must be at least 1")
-        if not SIZES[0] <= self.size <= SIZES[1]:
+        if self.size is not None and not SIZES[0] <= self.size <= SIZES[1]:
             least, most = SIZES
             raise ValueError(f"size must be between {least:g} and {most:g} of the network's own, not {self.size}")
 
@@ -122,7 +123,7 @@ class KeypointNetwork:
         self.path = path
         self._options = options
         self._session = open_session(path, options, () if markers else MARKER_OUTPUTS)
-        self.card: KeypointModelCard = keypoint_card(_metadata(self._session), path)
+        self.card: KeypointModelCard = keypoint_card(metadata_of(self._session, path), path)
         count = len(self.card.landmarks)
         outputs = dict(zip(BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
         self.sets: tuple[LandmarkSet, ...] = (self.card.landmarks,)
@@ -148,7 +149,7 @@ class KeypointNetwork:
     @property
     def crop_size(self) -> int:
         """Side of the crops, px."""
-        return crop_side(self.card.input_size * self._options.size)
+        return crop_side(self.card.input_size * (1.0 if self._options.size is None else self._options.size))
 
     @property
     def box_padding(self) -> float:
@@ -210,6 +211,9 @@ class KeypointNetwork:
         for part in batches(len(crops), self._options.batch):
             found, *mirrored = [self._run(c) for c in self._views(crops[part])]
             for out, once in zip(maps, found, strict=True):
+                if once.shape != out[part].shape:
+                    raise ModelError(f"{self.path}: an output has the shape {once.shape}, and its metadata mean "
+                                     f"{out[part].shape}; {_REMEDY}")  # fmt: skip
                 out[part] = once
             for other in mirrored:
                 for k, out in enumerate(maps):
@@ -249,7 +253,7 @@ class PeopleNetwork:
         self.path = path
         self._options = options
         self._session = open_session(path, options)
-        self.card: PeopleModelCard = people_card(_metadata(self._session), path)
+        self.card: PeopleModelCard = people_card(metadata_of(self._session, path), path)
         _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
 
     def __call__(self, frames: ByteArray, difference: Float32Array) -> tuple[Float32Array, Float32Array]:
@@ -271,6 +275,10 @@ class PeopleNetwork:
             np.multiply(planes, np.float32(1 / 255), out=image[:, :3])
             image[:, 3] = difference[part]
             heatmap, box = run_session(self._session, self.path, ["heatmap", "box"], {"image": image})
+            cells = tuple(side // self.card.stride for side in frames.shape[1:3])
+            if heatmap.shape[2:] != cells or box.shape[2:] != cells:
+                raise ModelError(f"{self.path}: its maps have {heatmap.shape[2:]} and {box.shape[2:]} cells, and its "
+                                 f"metadata mean {cells}; {_REMEDY}")  # fmt: skip
             heatmaps.append(heatmap)
             boxes.append(box)
         return np.concatenate(heatmaps), np.concatenate(boxes)
@@ -306,10 +314,6 @@ def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ())
         raise ModelError(
             f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]}); {_REMEDY}"
         ) from error
-
-
-def _metadata(session: onnxruntime.InferenceSession) -> dict[str, str]:
-    return dict(session.get_modelmeta().custom_metadata_map)
 
 
 def _check_signature(

@@ -13,6 +13,7 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.markers.tracking import Tracks
 from muybridge.infer.networks.keypoints import OnnxOptions, open_session
 from muybridge.models.labelling.metadata import LabelModelCard, label_card
+from muybridge.models.metadata_reader import metadata_of
 
 LEAST_POINTS = 16
 
@@ -50,7 +51,7 @@ class LabelNetwork:
         """
         self.path, self._batch, self._threads = path, batch, threads
         self._session = open_session(path, OnnxOptions(1, batch))
-        self.card: LabelModelCard = label_card(dict(self._session.get_modelmeta().custom_metadata_map), path)
+        self.card: LabelModelCard = label_card(metadata_of(self._session, path), path)
 
     def scores(self, tracks: Tracks, fps: float, asked: IndexArray, frames: IndexArray | None = None,
                turn: FloatArray | None = None, windowed: bool = True) -> Float32Array:  # fmt: skip

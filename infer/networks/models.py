@@ -71,6 +71,9 @@ def open_models(choice: ModelChoice) -> Models:
     keypoints = choice.keypoint_model or shipped_model("keypoints", choice.precision)
     network = open_keypoints(keypoints, choice.model_card, choice.onnx, choice.markers != "none")
     card = find_card(keypoints, choice.model_card)
+    if card is not None and choice.onnx.size is not None:  # not on opening: a first pass has a size of its own
+        raise ModelError(f"{keypoints}: the size of crops is for muybridge's own networks; {card.name} states this "
+                         "model's")  # fmt: skip
     people = choice.people_model or shipped_model("people")
     people_card = PeopleNetwork(people, choice.onnx).card
     metadata = {

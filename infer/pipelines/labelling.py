@@ -67,7 +67,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, network, options, stated_up(cloud))
+        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances, stated_up(cloud))
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
@@ -124,7 +124,7 @@ def _share(sure: BoolArray) -> float:
 
 def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
     """Notices for the user, as sentences."""
-    notes = list(labelled.notes)
+    notes = [*cloud.notices, *labelled.notes]
     found = np.isfinite(labelled.points[..., 0]).any(0)
     lost = [plan.markers.labels[i] for i in np.nonzero(~found & ~plan.optional)[0]]
     if lost:
@@ -138,9 +138,8 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
     if pairs := exchanged(cloud, labelled):
         notes.append("the file has these names exchanged, by where its markers are: "
                      + ", ".join(f"{a} and {b}" for a, b in pairs))  # fmt: skip
-    if cloud.left_out:
-        notes.append(f"left out because they are no points: {', '.join(cloud.left_out[:8])}"
-                     + (f" and {len(cloud.left_out) - 8} more" if len(cloud.left_out) > 8 else ""))  # fmt: skip
+    if cloud.why:
+        notes.append(cloud.why)
     if cloud.empty:
         notes.append(f"{len(cloud.empty)} trajectories of the file are empty")
     return notes
@@ -151,7 +150,8 @@ def summary(content: dict[str, Any], out: Path) -> str:
     doubtful = len(content["doubtful"])
     lines = [
         f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
-        f"{math.floor(content['sure'] * 1e3) / 10:.1f}% of the names are at least {CERTAIN:.0%} certain, {doubtful} spans are doubtful",
+        f"{math.floor(content['sure'] * 1e3) / 10:.1f}% of the names are at least {CERTAIN:.0%} certain, "
+        f"{doubtful} spans are doubtful",
         *content["notes"],
         *content["corrections"],
     ]

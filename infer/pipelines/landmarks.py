@@ -5,7 +5,7 @@ from pathlib import Path
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import resample_keypoints
-from muybridge.infer.detection.detect import DetectOptions, detect, file_names, first_pass, is_finished
+from muybridge.infer.detection.detect import DetectOptions, damage_notices, detect, file_names, first_pass, is_finished
 from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import merge_tracks
 from muybridge.infer.networks.models import open_models
@@ -13,7 +13,7 @@ from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.results.folder import open_output
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
-from muybridge.infer.session.session import Session
+from muybridge.infer.session.session import Session, with_notice
 
 DEFAULT_RESULTS = "muybridge"
 
@@ -39,6 +39,8 @@ def session_keypoints(
     session = estimate_gravity(session, names, models, store, first, progress)
     options = first if is_finished(session, names, models, store, first) else options
     found = detect(session, names, models, store, options, progress)
+    for notice in damage_notices(session, found):
+        session = with_notice(session, notice, progress)
     frames = min(d.tracks.frames for d in found)
     if frames < session.frames:
         raise MuybridgeError(

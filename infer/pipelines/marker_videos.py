@@ -50,8 +50,9 @@ from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, StageResult, Stages
+from muybridge.infer.session.damage import DamageWatch, damage_notice
 from muybridge.infer.session.probe import VideoInfo
-from muybridge.infer.session.session import Session, SessionOptions, open_session
+from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 
@@ -140,6 +141,8 @@ def run_marker_session(
     blobs = _blob_stages(session, options, stage, progress)
     seen = _by_frame(blobs)
     session = _with_frames(session, len(seen))
+    for damage in (stage.facts["damage"] for stage in blobs):
+        session = session if damage is None else with_notice(session, damage, progress)
     markers = _marker_stages(session, plan, options, stage, blobs, seen, labeller)
     for note in markers.names.facts["notes"]:
         progress.notice(note)
@@ -159,24 +162,28 @@ def run_marker_session(
 
 
 def _with_frames(session: Session, frames: int) -> Session:
-    return session if frames == session.frames else replace(session, frame_indices=session.frame_indices[:, :frames])
+    return session if frames == session.frames else with_frames(session, frames)
 
 
 def _blob_stages(session: Session, options: MarkerVideoOptions, stage: Stages, progress: Progress) -> list[StageResult]:
     """(C,) stages of the markers in each camera's images."""
     stages = []
     with progress.task("markers in the images", len(session.cameras)) as task:
-        for name, video, indices in zip(
-            file_names(session.cameras.names), session.videos, session.frame_indices, strict=True
-        ):
-            given = [video.content, video.rotation_deg, indices, options.blobs]
-            stages.append(stage(f"blobs-{name}", given, partial(_blobs, video, indices, options.blobs)))
+        for c, name in enumerate(file_names(session.cameras.names)):
+            video, indices = session.videos[c], session.frame_indices[c, : session.lasts(c)]
+            given = [video.content, video.rotation_deg, indices, session.frames, options.blobs]
+            stages.append(stage(f"blobs-{name}", given, partial(_blobs, video, indices, session.frames, options.blobs)))
             task.advance()
     return stages
 
 
-def _blobs(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[Arrays, Facts]:
-    return pack_blobs(*blobs_of(video, indices, options))
+def _blobs(video: VideoInfo, indices: IntArray, frames: int, options: BlobOptions) -> tuple[Arrays, Facts]:
+    watch = DamageWatch(video)
+    blobs, threshold = blobs_of(video, indices, options, watch)
+    if len(blobs) == len(indices):  # none in the frames after the video's end
+        blobs += [np.empty((0, 3))] * (frames - len(indices))
+    arrays, facts = pack_blobs(blobs, threshold)
+    return arrays, facts | {"damage": damage_notice(video.path.name, watch.damaged())}
 
 
 def _by_frame(stages: list[StageResult]) -> list[list[FloatArray]]:

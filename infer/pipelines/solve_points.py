@@ -8,12 +8,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.fitting.body_fit import FitOptions
 from muybridge.geometry.fitting.subject import MarkerFitOptions
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import SURFACE, MarkerSet
-from muybridge.geometry.skeleton.joint_centres import centres_from_markers
+from muybridge.geometry.skeleton.joint_centres import JointCentres, centres_from_markers
 from muybridge.infer.networks.correction import SolverNetwork
 from muybridge.infer.reconstruction.body import (
     BodySolution,
@@ -33,6 +34,7 @@ from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, Stages
+from muybridge.motion.formats.points.marker_protocol import find_marker_set
 from muybridge.motion.formats.registry import ReadOptions, read_file
 
 _log = logging.getLogger(__name__)
@@ -46,10 +48,12 @@ RESULTS = (MOTION_BVH, MOTION_GLB, MOTION_MOT, LANDMARKS_TRC, LANDMARKS_C3D, REP
 _CODE = ("muybridge.geometry", "muybridge.models", "muybridge.motion", "muybridge.infer.networks",
          "muybridge.infer.reconstruction")  # fmt: skip
 
-Units = Literal["m", "cm", "mm"]
+Units = Literal["m", "cm", "mm", "in"]
 Up = Literal["y", "z"]
 Method = Literal["auto", "markers", "landmarks"]
-Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional"]
+Centres = Literal["midpoint", "plane", "harrington", "bell", "davis", "functional", "file"]
+# Metres, standard deviation of a coordinate of a joint centre that a gait model computed.
+_MODELLED_M = 0.010
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,10 @@ class SolvePointsOptions:
             from the markers; `auto` takes the first where there are a dozen markers or more.
         centres: joint centres that count besides the markers: `midpoint` of the markers on either side, `plane` of
             three markers of a limb, the hip by `harrington`, `bell` or `davis`, or by its motion (`functional`, the
-            shoulder too); where two give the same joint, the one named first counts.
+            shoulder too), or those that a gait model left in the `file` (`LKJC`); where two give the same joint, the
+            one named first counts.
+        markerset: the set that the labels are of: a name, or a text file (`muybridge markerset`); by default all
+            built-in sets are known.
         network: file of a network that corrects the joints of a body fitted to markers (`muybridge train solver`);
             if not given, the shipped one, unless `centres` are given.
         correct: correct the joints with the network.
@@ -77,6 +84,7 @@ class SolvePointsOptions:
     fps: float | None = None
     method: Method = "auto"
     centres: tuple[Centres, ...] = ()
+    markerset: str | None = None
     network: Path | None = None
     correct: bool = True
     fit: FitOptions = field(default_factory=FitOptions)
@@ -131,8 +139,9 @@ def solve_points(
         MuybridgeError: of some kind, for everything that the user can fix; nothing is written then.
     """
     take = read_file(path, options.read)
-    recognised = recognise(path, take.positions)
-    stature = check_size(path, recognised, options.read)
+    worn = find_marker_set(options.markerset).markers if options.markerset else None
+    recognised = recognise(path, take.positions, take.c3d.modelled if take.c3d else (), worn)
+    stature = check_size(path, recognised, options.read, worn)
     notices = _notices(take.notices, recognised)
     by_markers = options.method == "markers" or (
         options.method == "auto" and len(recognised.columns) >= _ENOUGH_MARKERS
@@ -144,7 +153,13 @@ def solve_points(
         progress.notice(notice)
     network = None if corrector is None else file_digest(corrector.path)
     stage = Stages(run.store, progress, [file_digest(path), options.read, code_digest(*_CODE)])
-    given = [by_markers, options.centres, options.markers if by_markers else options.fit, network]
+    given = [
+        by_markers,
+        options.centres,
+        list(recognised.columns.items()),
+        options.markers if by_markers else options.fit,
+        network,
+    ]
 
     def compute() -> tuple[Arrays, Facts]:
         if not by_markers:
@@ -169,7 +184,7 @@ def solve_points(
 
 def _notices(given: tuple[str, ...] | list[str], recognised: RecognisedPoints) -> list[str]:
     """What was assumed about the file, as sentences."""
-    notices = [*given, *([recognised.whose] if recognised.whose else [])]
+    notices = [*given, *([recognised.whose] if recognised.whose else []), *recognised.notes]
     tilt = tilt_deg(recognised.points.points_world)
     if tilt > _MOST_TILT_DEG:
         notices.append(f"the trunk is {tilt:.0f} degrees from upright in most frames: does the person lie? If not, "
@@ -238,8 +253,28 @@ def _fit_markers(
     columns = dict(recognised.columns)
     chosen = points.points_world[:, list(columns.values())]
     surface = np.array([SURFACE.index(n) for n in columns])
-    known = centres_from_markers(points.points_world, columns, options.centres)
+    known = _centres(points.points_world, recognised, options.centres)
     return fit_labelled_markers(chosen, surface, tuple(columns), points.fps, options.markers, known, corrector)
+
+
+def _centres(points_world: FloatArray, recognised: RecognisedPoints, methods: tuple[Centres, ...]) -> JointCentres:
+    """Joint centres by the methods that were asked for; of two for one joint the first counts."""
+    if "file" not in methods:
+        return centres_from_markers(points_world, dict(recognised.columns), methods)
+    at = methods.index("file")
+    found: dict[str, tuple[FloatArray, float]] = {}
+    own = {joint: (points_world[:, column], _MODELLED_M) for joint, column in recognised.centres.items()}
+    for part in (methods[:at], None, methods[at + 1 :]):
+        if part is None:
+            new = own
+        else:
+            made = centres_from_markers(points_world, dict(recognised.columns), part)
+            new = {n: (made.points_world[:, i], float(made.sigma[i])) for i, n in enumerate(made.names)}
+        found = new | found
+    if not found:
+        return JointCentres()
+    return JointCentres(tuple(found), np.stack([p for p, _ in found.values()], 1),
+                        np.array([sigma for _, sigma in found.values()]))  # fmt: skip
 
 
 def _file_facts(path: Path, recognised: RecognisedPoints, stature: float) -> dict[str, Any]:

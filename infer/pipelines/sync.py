@@ -124,7 +124,7 @@ def read_audio(path: Path, rate: int = _AUDIO_RATE) -> FloatArray | None:
     """
     try:
         with av.open(str(path)) as container:
-            if not container.streams.audio:
+            if not container.streams.audio or container.streams.audio[0].codec_context is None:
                 return None
             stream = container.streams.audio[0]
             zero = 0.0
@@ -160,7 +160,7 @@ def find_clocks(
     """
     found: dict[str, tuple[Clock, ...]] = {}
     if "audio" in methods:
-        sounds = [read_audio(v.path) for v in session.videos]
+        sounds = [read_audio(v.files[0]) for v in session.videos]
         found["audio"] = tuple(_clock_from_audio(sounds, c, max_offset) for c in range(len(sounds)))
     if keypoints is not None:
         found |= _clocks_from_images(session, keypoints, methods, max_offset)

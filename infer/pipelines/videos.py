@@ -14,7 +14,8 @@ from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import resample_keypoints
-from muybridge.infer.detection.detect import CameraResult, DetectOptions, detect, file_names, first_pass
+from muybridge.geometry.triangulation.mirrored import find_mirrored
+from muybridge.infer.detection.detect import CameraResult, DetectOptions, damage_notices, detect, file_names, first_pass
 from muybridge.infer.detection.frozen_frames import repeats_notice
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
 from muybridge.infer.detection.resample import resample_tracks
@@ -209,7 +210,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         progress: receives progress messages.
 
     Raises:
-        SessionError: a video has no frame.
+        SessionError: a video has no frame, or videos are mirrored.
     """
     files = file_names(session.cameras.names)
     again = options.refinement
@@ -224,6 +225,7 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         session = with_notice(session, f"the cameras' 2D landmarks were synchronised by {SYNC_FILE}", progress)
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, session.clocks, session.late)
     body = next(iter(keypoints.values()))
+    _refuse_mirrored(session, body)
     session, calibration, before = _judge_cameras(session, body, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
     refinement = TopDownRefinement(
@@ -236,6 +238,18 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
         session = with_notice(session, notice, progress)
     solution.stages.update(before)
     return Followed(session, detected, solution, calibration)
+
+
+def _refuse_mirrored(session: Session, keypoints: Keypoints2D) -> None:
+    """Raise if videos are mirrored: then no view agrees with any other, and a camera would be blamed for it."""
+    mirrored = find_mirrored(session.cameras, keypoints)
+    if mirrored:
+        files = [session.videos[c].path.name for c in mirrored]
+        what = "all videos are mirrored, as programs for webcams record them" if len(mirrored) > 1 else "it is mirrored"
+        raise SessionError(
+            f"{', '.join(files)}: {what}: turned back, the views agree; turn each back, such as "
+            f"`ffmpeg -i {files[0]} -vf hflip -crf 18 OUT.mp4`, and record without mirroring"
+        )
 
 
 def _judge_cameras(
@@ -265,6 +279,8 @@ def _merge(
         shortest = session.videos[counts.index(frames)].path.name
         notice = f"{shortest} has {frames} frames, fewer than its header suggests: the first {frames} are used"
         session = with_notice(with_frames(session, frames), notice, progress)
+    for notice in damage_notices(session, detected):
+        session = with_notice(session, notice, progress)
     for c, found in enumerate(detected):
         if (repeats := repeats_notice(session, c, found.own_repeats)) is not None:
             session = with_notice(session, repeats, progress)

@@ -23,7 +23,7 @@ from muybridge.infer.networks.models import Models
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
-from muybridge.infer.session.session import UPRIGHT_ADVICE, Session, with_notice
+from muybridge.infer.session.session import UPRIGHT_ADVICE, Session, with_frames, with_notice
 
 STAGE = "gravity"
 # Three windows of two seconds, at this many frames per second, in the first half minute: videos are decoded from their
@@ -58,7 +58,7 @@ def estimate_gravity(
     if stage is None:
         start = time.perf_counter()
         frames, fps = _windows(session.frames, session.fps)
-        part = replace(session, frame_indices=session.frame_indices[:, frames], fps=fps)
+        part = replace(with_frames(session, frames), fps=fps)
         (store.folder / STAGE).mkdir(exist_ok=True)
         doubt = "may point down" if in_doubt else "is not up"
         progress.say(f"the calibration's Z axis {doubt}: detecting standing people in parts of the take")

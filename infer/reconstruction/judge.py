@@ -10,6 +10,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 
 _HARDLY = 0.2  # share of frames below which the association has failed for a camera
+_RARELY = 0.05  # share of frames in which a camera may see two people where the take is of one person
 
 
 def check_keypoints(
@@ -28,8 +29,9 @@ def check_keypoints(
 def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) -> tuple[FloatArray, FloatArray]:
     """One person's landmarks, including those of cameras that do not fit the calibration.
 
-    The association between cameras depends on the calibration in question. So a camera that is hardly associated with
-    the person, but sees a single person for most of the take, is assumed to see that person.
+    The association between cameras depends on the calibration in question. So in a take of one person, a camera that
+    is hardly associated with that person, but sees somebody for most of the take, is assumed to see the same person.
+    Where several people are in the room it may well be another one.
 
     Returns:
         (C, T, J, 2) px and (C, T, J) variances.
@@ -38,7 +40,9 @@ def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) ->
     points_px, variance_px2, _ = take_person(keypoints, selection)
     points_px, variance_px2 = points_px.copy(), variance_px2.copy()
     found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))
-    for c in range(len(cameras)):
+    several = (found.sum(axis=-1) > 1).mean(axis=1).max() > _RARELY
+    tracked = sum(len(person.cameras) > 1 for person in selection.people)
+    for c in range(0 if several or tracked > 1 else len(cameras)):
         alone = found[c].sum(axis=1) == 1
         if (selection.slots[c] >= 0).mean() < _HARDLY and alone.mean() > 0.5:
             frames = np.flatnonzero(alone)

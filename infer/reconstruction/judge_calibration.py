@@ -49,6 +49,8 @@ def judge(
     except MuybridgeError as error:
         _log.info("the calibration was not judged: %s", error)
         return None, None
+    if quality.diagnosis is not None and quality.diagnosis.doubt:
+        _log.info("%s", quality.diagnosis.doubt)
     arrays, facts = pack_quality(quality)
     result = store.save(STAGE, key, arrays, facts, time.perf_counter() - start)
     progress.say(f"{STAGE}: {result.seconds:.1f} s")
@@ -77,6 +79,7 @@ def pack_quality(quality: CalibrationQuality) -> tuple[dict[str, NDArray[Any]], 
             "files": list(report.files),
             "note": report.note,
             "too_many": report.too_many,
+            "doubt": report.doubt,
             "noise_px": report.noise_px,
             "corrected_px": report.corrected_px,
             "cameras": [[c.model, list(c.params), c.cam_from_world.tolist()] for c in report.cameras],
@@ -126,6 +129,7 @@ def _diagnosis(cameras: CameraGroup, arrays: Mapping[str, Any], facts: Mapping[s
         files=tuple(facts["files"]),
         note=facts["note"],
         too_many=facts["too_many"],
+        doubt=facts["doubt"],
     )
 
 

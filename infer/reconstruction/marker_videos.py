@@ -19,6 +19,7 @@ from muybridge.geometry.markers.tracking import TrackOptions, track_points
 from muybridge.infer.detection.blobs import BlobOptions, find_blobs, find_threshold
 from muybridge.infer.labelling.label import LabelOptions
 from muybridge.infer.runtime.stages import Arrays, Facts
+from muybridge.infer.session.damage import DamageWatch
 from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.video import read_chunks
 
@@ -65,16 +66,20 @@ class FoundMarkers:
     dropped: int
 
 
-def blobs_of(video: VideoInfo, indices: IntArray, options: BlobOptions) -> tuple[list[FloatArray], float]:
-    """Blobs (K, 3) of every frame of a video, and the threshold that was used."""
+def blobs_of(
+    video: VideoInfo, indices: IntArray, options: BlobOptions, watch: DamageWatch
+) -> tuple[list[FloatArray], float]:
+    """Blobs (K, 3) of every frame of a video, none in damaged ones, and the threshold that was used."""
     threshold = options.threshold
     found: list[FloatArray] = []
-    for chunk in read_chunks(video, indices):
+    for chunk in read_chunks(video, indices, watch=watch):
         # Markers are lit in one colour, which may be any channel.
         grey = chunk.max(axis=-1)
         if threshold is None:
             threshold = find_threshold([grey[k] for k in np.linspace(0, len(grey) - 1, min(9, len(grey))).astype(int)])
         found += [find_blobs(image, threshold, options) for image in grey]
+    damaged = watch.damaged()[indices]
+    found = [np.empty((0, 3)) if bad else blobs for blobs, bad in zip(found, damaged, strict=False)]
     return found, float(threshold or 0.0)
 
 

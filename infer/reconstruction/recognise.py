@@ -1,6 +1,6 @@
 """Which labels of a file of points are landmarks or markers of a body, and whether the points have a person's size."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -9,19 +9,25 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.landmarks.marker_names import normal
+from muybridge.geometry.landmarks.marker_sets import MarkerSet
+from muybridge.geometry.landmarks.real_markers import find_markers
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.geometry.skeleton.aliases import map_body, map_surface, one_of_several
-from muybridge.geometry.skeleton.body import SHAPE_PRIOR
+from muybridge.geometry.skeleton.aliases import (
+    joint_centres_of,
+    map_body,
+    map_surface,
+    nearest_names,
+    one_of_several,
+    subject_of,
+)
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.triangulation.plausibility import trunk_of
+from muybridge.motion.formats.points.person import STATURES, stature_of
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
-# Statures of people who stand, metres; children from two years on are inside.
-_STATURES = (0.75, 2.60)
 _FEWEST_LABELS = 6
-_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
-_LIMBS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"),
-          "shin": ("knee", "ankle"), "trunk": ("hip", "shoulder")}  # fmt: skip
+_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +41,8 @@ class RecognisedPoints:
         how: one sentence on how the labels were recognised.
         columns: marker of SURFACE -> column of the file's points; empty where these are landmarks.
         whose: one sentence on the chosen subject, where the file has several.
+        notes: other sentences for the user: what is left out, and which labels are unknown.
+        centres: joint of `geometry.skeleton.body.BODY` -> column of the joint centre that the file has for it.
     """
 
     points: Points3D
@@ -43,30 +51,39 @@ class RecognisedPoints:
     how: str
     columns: Mapping[str, int] = field(default_factory=dict)
     whose: str = ""
+    notes: tuple[str, ...] = ()
+    centres: Mapping[str, int] = field(default_factory=dict)
 
 
-def recognise(path: Path, points: Points3D) -> RecognisedPoints:
+def recognise(
+    path: Path, points: Points3D, computed: Collection[str] = (), markers: MarkerSet | None = None
+) -> RecognisedPoints:
     """Landmarks of BODY23 from a file's points, by their labels.
 
     Args:
         path: of the file, for messages.
         points: what it holds.
+        computed: labels that the file lists as computed from markers; they are no markers.
+        markers: the set that the file's labels are of; without it, all sets that are known.
 
     Raises:
         FormatError: too few labels are known; the message lists what is there.
     """
     names = points.landmarks.names
-    body, surface = (
-        {n: i for n, i in known(names).items() if np.isfinite(points.points_world[:, i, 0]).any()}
-        for known in (map_body, map_surface)
-    )
+    kinds = find_markers(names, computed)
+    real = [i for i in range(len(names)) if kinds.marker[i] and np.isfinite(points.points_world[:, i, 0]).any()]
+    plain = [names[i] for i in real]
+    body = {} if markers else {name: real[i] for name, i in map_body(plain).items()}
+    surface = {name: real[i] for name, i in (_of_set(plain, markers) if markers else map_surface(plain)).items()}
     if len(body) < _FEWEST_LABELS and len(surface) < _FEWEST_LABELS:
-        known = "nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ..."
-        raise FormatError(
+        known = f"labels of the set {markers.name}" if markers else (
+            "known landmarks or markers (nose, LShoulder, left_hip, RKnee, ...; LASI, RKNE, ...)")  # fmt: skip
+        unknown = [name for i, name in zip(real, plain, strict=True) if i not in {*body.values(), *surface.values()}]
+        message = (
             f"{path}: of {len(names)} labels ({', '.join(names[:6])}, ...) only {max(len(body), len(surface))} are "
-            f"known landmarks or markers ({known})",
-            remedy="rename_labels",
         )
+        raise FormatError(message + "; ".join([known, *nearest_names(unknown), *([kinds.note] if kinds.note else [])]),
+                          remedy="rename_labels", path=path)  # fmt: skip
     if len(body) >= len(surface):
         mapped, columns, skin = _body_landmarks(points, body), set(body.values()), {}
         how = f"{len(body)} landmarks by their names"
@@ -76,7 +93,25 @@ def recognise(path: Path, points: Points3D) -> RecognisedPoints:
         how = f"{count} landmarks from {len(surface)} markers"
     used = tuple(n for i, n in enumerate(names) if i in columns)
     unused = tuple(n for i, n in enumerate(names) if i not in columns)
-    return RecognisedPoints(mapped, used, unused, how, skin, one_of_several(names, sorted(columns)))
+    notes = [kinds.note] if kinds.note else []
+    subjects = {subject_of(name) for name in used}
+    strange = [n for i, n in enumerate(names) if i in real and i not in columns and subject_of(n) in subjects]
+    if skin and strange:
+        shown = ", ".join(strange[:8]) + (f" and {len(strange) - 8} more" if len(strange) > 8 else "")
+        notes.append(f"markers that were not used, because no set has a body point for them: {shown}")
+    return RecognisedPoints(mapped, used, unused, how, skin, one_of_several(names, sorted(columns)), tuple(notes),
+                            joint_centres_of(names))  # fmt: skip
+
+
+def _of_set(names: Sequence[str], markers: MarkerSet) -> dict[str, int]:
+    """Point of SURFACE -> index in `names`, by the labels of one set, without its markers beside their points."""
+    point = {normal(label): name for label, name in zip(markers.labels, markers.names, strict=True)
+             if label not in markers.near}  # fmt: skip
+    out: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if (key := normal(name)) in point:
+            out.setdefault(point[key], i)
+    return out
 
 
 def _body_landmarks(points: Points3D, columns: Mapping[str, int]) -> Points3D:
@@ -90,40 +125,30 @@ def _body_landmarks(points: Points3D, columns: Mapping[str, int]) -> Points3D:
                    residual_px=np.empty(none), inlier=np.empty(none, dtype=np.bool_))  # fmt: skip
 
 
-def stature_of(points_world: FloatArray) -> float:
-    """The height, metres, that the median lengths of trunk and limbs suggest; NaN where none is known.
-
-    Args:
-        points_world: (T, 23, 3) of BODY23.
-    """
-    found = []
-    for part, (a, b) in _LIMBS.items():
-        for side in ("left", "right"):
-            bone = points_world[:, BODY23.index(f"{side}_{a}")] - points_world[:, BODY23.index(f"{side}_{b}")]
-            length = np.linalg.norm(bone, axis=-1)
-            if np.isfinite(length).any():
-                found.append(float(np.nanmedian(length)) / SHAPE_PRIOR[part][0])
-    return float(np.median(found)) if found else float("nan")
-
-
-def check_size(path: Path, recognised: RecognisedPoints, options: ReadOptions) -> float:
+def check_size(
+    path: Path, recognised: RecognisedPoints, options: ReadOptions, markers: MarkerSet | None = None
+) -> float:
     """The person's stature in metres; NaN where it is unknown.
 
     Args:
         path: the file.
         recognised: its points.
         options: how it was read.
+        markers: the set that its labels are of, where it was named.
 
     Raises:
         FormatError: no person has this height; the message has the likely unit of the file's numbers.
     """
     stature = stature_of(recognised.points.points_world)
-    if not np.isfinite(stature) or _STATURES[0] <= stature <= _STATURES[1]:
+    if not np.isfinite(stature) or STATURES[0] <= stature <= STATURES[1]:
         return stature
     message = f"{path}: the person would be {stature:,.4g} m tall"
     for unit in _UNITS if can_use(path, "units") else ():
-        other = read_file(path, replace(options, units=unit)).positions
-        if _STATURES[0] <= stature_of(recognise(path, other).points.points_world) <= _STATURES[1]:
+        try:
+            other = read_file(path, replace(options, units=unit)).positions
+        except FormatError:  # beyond any room in this unit
+            continue
+        if STATURES[0] <= stature_of(recognise(path, other, (), markers).points.points_world) <= STATURES[1]:
             message += f"; the file's numbers are likely {_UNITS[unit]}"
             raise FormatError(message, remedy="unit_of_points", unit=unit)
     raise FormatError(f"{message}; no usual unit makes that a person: are the labels right?")

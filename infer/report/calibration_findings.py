@@ -21,6 +21,8 @@ def calibration_findings(quality: CalibrationQuality | None) -> tuple[Finding, .
         found += [Finding("bad", fault_text(fault)) for fault in report.faults]
         if report.note:
             found.append(Finding("note", note_text(report)))
+        if report.doubt:
+            found.append(Finding("note", report.doubt))
     found += [Finding("bad" if m.grave else "look", m.sentence) for m in quality.misfits]
     if quality.fitted:
         found += _known_findings(quality)

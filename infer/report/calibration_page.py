@@ -14,7 +14,7 @@ from muybridge.infer.report.calibration_figures import CalibrationView
 from muybridge.infer.report.calibration_findings import calibration_findings
 from muybridge.infer.report.diagnosis_wording import diagnosis_text, fault_text, note_text
 from muybridge.infer.report.findings import Finding
-from muybridge.infer.report.templates import render, style_or_script
+from muybridge.infer.report.templates import page_style, render
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def render_calibration(page: CalibrationPage) -> str:
         timings_s=page.timings_s,
         options=page.options,
         versions=page.versions,
-        css=style_or_script("report.css"),
+        css=page_style(),
     )
 
 

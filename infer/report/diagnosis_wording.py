@@ -3,12 +3,18 @@
 from muybridge.geometry.calibration.diagnosis.findings import CalibrationDiagnosis, Fault
 
 _RECALIBRATE = "Calibrate it again, or run with --refine-cameras."
-_ADVICE = {"turned": _RECALIBRATE, "moved": _RECALIBRATE, "shifted": "Align the videos with: muybridge sync."}
+_RECALIBRATE_ALL = "Calibrate all of them again, or run with --refine-cameras."
+_FOCAL = "Calibrate its lens again, with zoom, focus and stabilisation as they were in the videos."
+_ADVICE = {"turned": _RECALIBRATE, "moved": _RECALIBRATE, "focal": _FOCAL,
+           "shifted": "Align the videos with: muybridge sync.", "swapped": "Rename the files.",
+           "unrelated": "Check which video and which calibration belong to it."}  # fmt: skip
 
 
 def fault_text(fault: Fault) -> str:
     """The description of a fault, and what to do about it where a command helps."""
     advice = _ADVICE.get(fault.kind)
+    if fault.rivals and advice == _RECALIBRATE:
+        advice = _RECALIBRATE_ALL
     return fault.sentence if advice is None else f"{fault.sentence} {advice}"
 
 

@@ -11,7 +11,7 @@ from muybridge.geometry.markers.cleaning import Cleaned, Sample
 from muybridge.infer.labelling.label import Labelled
 from muybridge.infer.report.labelling_facts import DOUBTFUL
 from muybridge.infer.report.packing import packed_positions
-from muybridge.infer.report.templates import render, script_json, style_or_script
+from muybridge.infer.report.templates import page_style, render, script_json, style_or_script
 
 _MOST_FRAMES = 3000
 _MOST_ROWS = 60
@@ -40,7 +40,7 @@ def render_label_report(labelled: Labelled, cleaned: Cleaned, content: dict[str,
         markers=[_marker_row(label, marker) for label, marker in content["markers"].items()],
         changes=[_change_row(change) for change in changes[:_MOST_ROWS]],
         more_changes=len(changes) - _MOST_ROWS,
-        css=style_or_script("report.css"),
+        css=page_style(),
         js=style_or_script("label.js"),
         data=script_json(_scene(labelled, cleaned, content)),
     )

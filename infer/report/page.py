@@ -18,7 +18,7 @@ from muybridge.geometry.landmarks.sets import side_of
 from muybridge.infer.report.data import ReportData, check_shapes
 from muybridge.infer.report.figures import Timeline, timeline
 from muybridge.infer.report.packing import packed_positions, packed_shares, rounded
-from muybridge.infer.report.templates import render, script_json, style_or_script
+from muybridge.infer.report.templates import page_style, render, script_json, style_or_script
 from muybridge.infer.report.view import ReportView, calibration_verdict
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
@@ -58,7 +58,7 @@ def render_report(data: ReportData) -> str:
         quality=data.quality,
         options=data.options,
         versions=data.versions,
-        css=style_or_script("report.css"),
+        css=page_style(),
         js=style_or_script("report_view.js", "report.js"),
         data=script_json(_scene(data)),
     )

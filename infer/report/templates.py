@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,12 @@ from muybridge.infer.runtime.wording import readable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+# The colours of people's left and right wherever they are drawn: in pages, and in overlays (those for dark ground).
+# Orange and sky blue of Okabe and Ito's palette are distinct for all types of colour vision.
+SIDES_ON_LIGHT = {"left": "#c65f00", "right": "#0072b2"}
+SIDES_ON_DARK = {"left": "#ffa23a", "right": "#5cbcff"}
+
 
 # Error at the person at which a cell's tint is full, millimetres.
 _FULL_TINT_MM = 60.0
@@ -35,6 +42,18 @@ def render(template: str, **values: Any) -> str:
         jinja2.UndefinedError: the template asks for something else.
     """
     return _environment().get_template(template).render(values)
+
+
+def page_style() -> Markup:
+    """The style of every page, with the colours of the two sides as `--left` and `--right`, and as `--left-on-dark` and
+    `--right-on-dark` for canvases that are dark on any page."""
+
+    def sides(colours: Mapping[str, str], ending: str = "") -> str:
+        return " ".join(f"--{side}{ending}: {colour};" for side, colour in colours.items())
+
+    light = f":root {{ {sides(SIDES_ON_LIGHT)} {sides(SIDES_ON_DARK, '-on-dark')} }}"
+    dark = f':root:not([data-theme="light"]) {{ {sides(SIDES_ON_DARK)} }}'
+    return Markup("\n".join([light, f"@media (prefers-color-scheme: dark) {{ {dark} }}", read_asset("report.css")]))
 
 
 def style_or_script(*names: str) -> Markup:

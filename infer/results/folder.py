@@ -14,11 +14,10 @@ from muybridge.errors import OutputError
 from muybridge.files import remove_abandoned, replacing
 from muybridge.infer.results.ownership import make_writable, refuse_root
 from muybridge.infer.runtime.digests import file_digest
-from muybridge.infer.session.discover import VIDEO_FOLDERS
+from muybridge.infer.session.discover import MANIFEST_PLACE, VIDEO_FOLDERS, is_results
 
 _log = logging.getLogger(__name__)
-WORK = "work"
-MANIFEST = "manifest.json"
+WORK, MANIFEST = MANIFEST_PLACE
 _REMEMBERED = 2  # digests per file: a run killed between manifest and rename leaves the earlier file in place
 
 
@@ -75,7 +74,7 @@ def _write_text(path: Path, text: str) -> None:
 
 def is_ours(path: Path) -> bool:
     """Whether a folder has results of muybridge."""
-    return (path / WORK / MANIFEST).is_file()
+    return is_results(path)
 
 
 def open_output(

@@ -130,6 +130,8 @@ def _add_stream(container: Any, image: ByteArray, fps: float, options: OverlayOp
     stream = container.add_stream("libx264", rate=rate)
     stream.height, stream.width = image.shape[:2]
     stream.pix_fmt = "yuv420p"
+    # x264's rate control depends on the number of its threads, and with it the bytes of equal runs.
+    stream.codec_context.thread_count = 1
     # A keyframe twice a second: scrubbing in a browser stays quick.
     stream.options = {"crf": str(options.crf), "preset": options.preset, "g": str(max(1, round(fps / 2)))}
     return stream

@@ -15,12 +15,17 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
 from muybridge.geometry.landmarks.sets import LandmarkSet, side_of
+from muybridge.infer.report.templates import SIDES_ON_DARK
 
 Colour = tuple[int, int, int]
 
-# RGB. Orange and sky blue of Okabe and Ito's palette are distinct for all types of colour vision.
-LEFT: Colour = (255, 159, 28)
-RIGHT: Colour = (86, 190, 255)
+
+def _rgb(hexadecimal: str) -> Colour:
+    red, green, blue = bytes.fromhex(hexadecimal.removeprefix("#"))
+    return red, green, blue
+
+
+LEFT, RIGHT = (_rgb(SIDES_ON_DARK[side]) for side in ("left", "right"))
 MIDDLE: Colour = (250, 250, 250)
 REJECTED: Colour = (255, 64, 96)
 DIM: Colour = (190, 190, 190)

@@ -20,24 +20,24 @@ from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Task
 from muybridge.infer.runtime.stages import StageResult
+from muybridge.infer.session.discover import OVERLAY
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
 
 THUMBNAILS = 4
-_OVERLAY = "overlay_"
 # The code that overlays depend on.
 _CODE = ("muybridge.geometry", "muybridge.infer.results", "muybridge.infer.session")
 
 
 def overlay_name(camera_file: str) -> str:
     """Name of a camera's overlay."""
-    return f"{_OVERLAY}{camera_file}.mp4"
+    return f"{OVERLAY}{camera_file}.mp4"
 
 
 def is_overlay(name: str) -> bool:
     """Whether a result is a camera's overlay."""
-    return name.startswith(_OVERLAY)
+    return name.startswith(OVERLAY)
 
 
 def write_overlays(

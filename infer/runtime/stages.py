@@ -7,7 +7,6 @@ that went in (options, input files, networks, the code itself). A result is used
 import json
 import logging
 import time
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from muybridge.files import replacing
 from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
+from muybridge.npz import LIMIT, load_npz
 
 _log = logging.getLogger(__name__)
 
@@ -59,26 +59,28 @@ class StageStore:
     def holds(self, stage: str, key: str) -> bool:
         """Whether a stage's result for this key is stored; its arrays are not read."""
         try:
-            with np.load(self.path(stage), allow_pickle=False) as stored:
-                return bool(json.loads(str(stored["stage"]))["key"] == key)
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            stored = load_npz(self.path(stage), ["stage"], limit=LIMIT)
+            return bool(json.loads(str(stored["stage"]))["key"] == key)
+        except Exception:  # damage of any kind means that the stage is not stored
             return False
 
     def load(self, stage: str, key: str) -> StageResult | None:
         """The stored result of a stage, or None where there is none for this key."""
+        path = self.path(stage)
+        if not path.is_file():
+            return None
         try:
-            with np.load(self.path(stage), allow_pickle=False) as stored:
-                head = json.loads(str(stored["stage"]))
-                if head["key"] != key:
-                    _log.debug("stage %s: stored for other inputs or another version; computed again", stage)
-                    return None
-                arrays = {name[6:]: stored[name] for name in stored.files if name.startswith("array_")}
-        except FileNotFoundError:
+            head = json.loads(str(load_npz(path, ["stage"], limit=LIMIT)["stage"]))
+            if head["key"] != key:
+                _log.debug("stage %s: stored for other inputs or another version; computed again", stage)
+                return None
+            stored = load_npz(path, limit=LIMIT)
+            # By the names that were written: an entry that damage renamed is missed here and not by its user.
+            arrays = {name: stored[f"array_{name}"] for name in head["arrays"]}
+            return StageResult(arrays, dict(head["facts"]), float(head["seconds"]), True, key)
+        except Exception as error:  # damage of any kind costs time only
+            _log.info("stage %s: its file is damaged (%r); computed again", stage, error)
             return None
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            _log.info("stage %s: its file is damaged (%s); computed again", stage, error)
-            return None
-        return StageResult(arrays, head["facts"], head["seconds"], True, key)
 
     def save(self, stage: str, key: str, arrays: Arrays, facts: Facts, seconds: float) -> StageResult:
         """Store a stage's result under its key.
@@ -86,7 +88,7 @@ class StageStore:
         Raises:
             OutputError: the file cannot be written.
         """
-        head = json.dumps({"key": key, "facts": dict(facts), "seconds": seconds})
+        head = json.dumps({"key": key, "facts": dict(facts), "seconds": seconds, "arrays": list(arrays)})
         named: dict[str, Any] = {f"array_{n}": a for n, a in arrays.items()}
         with replacing(self.path(stage)) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, stage=np.array(head), **named)

@@ -5,15 +5,10 @@ from pathlib import Path
 
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.pairing import natural_key, pair_by_name
+from muybridge.infer.session.chapters import VIDEO_SUFFIXES, camera_films, recorded_order
+from muybridge.infer.session.pairing import in_order, natural_key, numbered_otherwise, pair_by_name
 from muybridge.infer.session.probe import is_video
 from muybridge.infer.session.timestamps import TIMESTAMPS
-
-# A file of one of these kinds that cannot be opened is a broken video; any other is something else.
-VIDEO_SUFFIXES = frozenset(
-    ".mp4 .m4v .mov .avi .mkv .webm .mpg .mpeg .mts .m2ts .ts .mxf .wmv .flv .3gp .h264 .hevc".split()
-)
-
 
 # Small copies that action cameras and drones write beside their videos.
 PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
@@ -21,7 +16,12 @@ PROXY_SUFFIXES = frozenset((".lrv", ".lrf", ".thm"))
 
 # Folders for a session's videos (other programs use other names); the first that exists is used, otherwise the session
 # folder itself.
-VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw")
+VIDEO_FOLDERS = ("videos", "synchronized_videos", "videos-raw", "recordings")
+
+
+# A results folder has this file, and overlays whose names begin so.
+MANIFEST_PLACE = ("work", "manifest.json")
+OVERLAY = "overlay_"
 
 
 # Folders in which other programs keep one folder of images per camera.
@@ -32,15 +32,19 @@ IMAGE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".
 
 
 def find_videos(path: Path) -> tuple[list[Path], list[str]]:
-    """The video files of a session in natural order, and notices about other files among them.
+    """The videos of a session in natural order, and notices about other files among them.
+
+    A video is a file, or the folder of a camera that has one of its own (see `camera_films`).
 
     Raises:
-        SessionError: no such folder, no `videos/` in it, no video there, or two files of one name.
+        SessionError: no such folder, no `videos/` in it, no video there, two files of one name, or a results folder.
     """
     layout = "a session is a folder with `videos/` (one file per camera) and a calibration"
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
+    if is_results(path):
+        raise SessionError(f"{path} is a results folder; name the session's folder, such as {path.parent}")
     folder = video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
         hint = _images_hint(next((f for f in (path / name for name in IMAGE_FOLDERS) if f.is_dir()), path))
@@ -57,9 +61,20 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
             found.append(entry)
         elif entry.name not in TIMESTAMPS:
             ignored.append(entry.name)
+    own = {f"{OVERLAY}{f.stem}" for f in found}
+    ignored += [f.name for f in found if f.stem in own]
+    found = [f for f in found if f.stem not in own]
+    cameras = [] if found or folder == path else [f for f in _folders(folder) if camera_films(f)]
+    if cameras:
+        held = ", ".join(
+            f"{f.name}/{{{', '.join(p.name for p in recorded_order(f, camera_films(f)))}}}" for f in cameras
+        )
+        beside = [name for name in ignored if name not in {f.name for f in cameras}]
+        notices = [f"{folder} has a folder per camera, whose files are read one after the other: {held}"]
+        return cameras, notices + ([f"{folder} also holds {', '.join(beside)}; ignored"] if beside else [])
     if not found:
-        beside = f" (it has {', '.join(ignored[:5])}, which are not videos, or are small copies)" if ignored else ""
-        raise SessionError(f"{folder} holds no videos{beside}: put one video per camera there{_images_hint(folder)}")
+        others = f" (it has {', '.join(ignored[:5])}, which are not videos, or are small copies)" if ignored else ""
+        raise SessionError(f"{folder} holds no videos{others}: put one video per camera there{_images_hint(folder)}")
     twice = [stem for stem, n in Counter(f.stem.lower() for f in found).items() if n > 1]
     if twice:
         names = ", ".join(f.name for f in found if f.stem.lower() == twice[0])
@@ -67,6 +82,16 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in the folder itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
+
+
+def is_results(path: Path) -> bool:
+    """Whether a folder has results of muybridge."""
+    return path.joinpath(*MANIFEST_PLACE).is_file()
+
+
+def _folders(folder: Path) -> list[Path]:
+    found = (f for f in folder.iterdir() if f.is_dir() and not f.name.startswith(".") and not is_results(f))
+    return sorted(found, key=lambda f: natural_key(f.name))
 
 
 def _images_hint(folder: Path) -> str:
@@ -99,6 +124,9 @@ def select_cameras(
     names = tuple(dict.fromkeys(names))
     if len(names) < 2:
         raise SessionError(f"--cameras names {names[0]} alone: motion needs at least two cameras that see the person")
-    pairs = pair_by_name([f.stem for f in files], group.names)
+    stems = [f.stem for f in files]
+    if counted := numbered_otherwise(stems, group.names):
+        raise SessionError(f"{calibration}: cameras and videos are numbered differently; {in_order(counted)}")
+    pairs = pair_by_name(stems, group.names)
     kept = [files[pairs[n]] for n in names if n in pairs]
     return group.select(names), kept if kept else files

@@ -61,6 +61,36 @@ def _within(part: tuple[str, ...], whole: tuple[str, ...]) -> bool:
     return n > 0 and any(whole[k : k + n] == part for k in range(len(whole) - n + 1))
 
 
+def _numbers(names: Sequence[str]) -> list[int] | None:
+    """The numbers of names that differ in one number only, such as cam0, cam1, cam2; None if they do not."""
+    parts = _distinctive(names) if len(names) > 1 else []
+    if not parts or any(len(p) != 1 or not p[0].isdigit() for p in parts):
+        return None
+    return [int(p[0]) for p in parts]
+
+
+def numbered_otherwise(stems: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    """Video -> camera in order, where one side counts from 0 and the other from 1 and both have as many; else empty.
+
+    By name, each camera would be paired with its neighbour's video. The order may be wrong too, where another video and
+    another camera are missing, so that nothing is paired before the user has renamed the videos.
+    """
+    videos, cameras = _numbers(stems), _numbers(names)
+    if videos is None or cameras is None or len(videos) != len(cameras):
+        return {}
+    runs = all(sorted(n) == list(range(min(n), min(n) + len(n))) for n in (videos, cameras))
+    if {min(videos), min(cameras)} != {0, 1} or not runs:
+        return {}
+    by_number = dict(zip(cameras, names, strict=True))
+    return {stem: by_number[n - min(videos) + min(cameras)] for stem, n in zip(stems, videos, strict=True)}
+
+
+def in_order(counted: dict[str, str]) -> str:
+    """How to rename videos that are numbered otherwise than the cameras."""
+    pairs = ", ".join(f"{stem} to {camera}" for stem, camera in counted.items())
+    return f"one is counted from 0 and the other from 1: if they are in the same order, rename {pairs}"
+
+
 def match_cameras(
     stems: Sequence[str], names: Sequence[str], session: Path, calibration: Path, no_pose: Sequence[str] = ()
 ) -> tuple[list[int], list[str]]:
@@ -102,7 +132,12 @@ def match_cameras(
     if unposed := [n for n in no_pose if pair_by_name(lonely_videos, [n])]:
         problems.append(f"{calibration} does not say where {', '.join(unposed)} is")
     remedy = "name each video after its camera"
-    if len(paired) >= 2:
+    if counted := numbered_otherwise(stems, names):
+        remedy += f"; {in_order(counted)}"
+    elif lonely_cameras and lonely_videos and _numbers(stems) and _numbers(names):
+        # Whoever left out the cameras without a video might pair each of the others with its neighbour's video.
+        remedy += ", in case the two are counted from different numbers"
+    elif len(paired) >= 2:
         remedy += f", or choose the cameras with --cameras {' '.join(n for n in names if n in paired)}"
     raise SessionError(f"{' and '.join(problems)}; {remedy}")
 

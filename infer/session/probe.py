@@ -2,6 +2,9 @@
 
 import contextlib
 import functools
+import mmap
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -11,12 +14,25 @@ import av
 import av.error
 import numpy as np
 
-from muybridge.arrays import FloatArray
-from muybridge.errors import VideoError
-from muybridge.infer.runtime.digests import sampled_digest
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.errors import VideoError, parsing
+from muybridge.infer.runtime.digests import digest, sampled_digest
+from muybridge.infer.session.chapters import camera_films, recorded_order
 
 # Containers that list every frame in an index, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
+
+
+# Where containers state the codec of a video: the sample entry of a MOV or MP4 track with a video's header, Matroska's
+# CodecID, the stream header of an AVI.
+_CODEC_NAMES = tuple(
+    re.compile(pattern, re.DOTALL)
+    for pattern in (rb"vmhd.{1,400}?stsd.{12}([ -~]{4})", rb"\x86[\x81-\xbf](V_[ -~]{1,40})", rb"vids([ -~]{4})")
+)
+
+
+# Rates of two chapters that are one.
+_SAME_RATE = 0.005
 
 
 # Demuxers that open an image or a text as a video of one frame.
@@ -28,7 +44,7 @@ class VideoInfo:
     """Properties of a video file, without decoding more than its first frame.
 
     Attributes:
-        path: the file.
+        path: the file, or the folder of a camera whose files are its video.
         container, codec: FFmpeg's names.
         width, height: size of a delivered frame, px (after rotation).
         rotation_deg: counterclockwise rotation applied to the coded frames: 0, 90, 180 or 270.
@@ -38,9 +54,13 @@ class VideoInfo:
         declares_count: whether the container lists its frames, so that fewer mean damage.
         times: (frames,) seconds since the file's first image; not the same as index / fps where `variable_rate`. A
             recorder that joined a stream has frames at its beginning that cannot be decoded: the first is then later.
+        coded_at: (frames,) the place of each frame in the order in which frames are decoded.
+        stands_alone: (frames,) whether a frame is coded without others, so that decoding can begin with it.
         variable_rate: whether the spacing of frames varies by more than a quarter of a frame.
         pixel_aspect: width of a pixel divided by its height.
         size_bytes: size of the file.
+        recorded_fps: the rate of the recording by the word of a phone, where it differs for slow motion; None without.
+        chapters: the files that are read one after the other, where `path` is a folder.
     """
 
     path: Path
@@ -54,14 +74,25 @@ class VideoInfo:
     frames: int
     declares_count: bool
     times: FloatArray = field(repr=False)
+    coded_at: IntArray = field(repr=False)
+    stands_alone: BoolArray = field(repr=False)
     variable_rate: bool
     pixel_aspect: float
     size_bytes: int
+    recorded_fps: float | None = None
+    chapters: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that hold the frames."""
+        return self.chapters or (self.path,)
 
     @functools.cached_property
     def content(self) -> str:
         """Digest of the file's content; the key of stages that read the video."""
-        return sampled_digest(self.path)
+        if not self.chapters:
+            return sampled_digest(self.path)
+        return digest([sampled_digest(file) for file in self.chapters])
 
     def unrotated(self) -> "VideoInfo":
         """The same video with its rotation flag ignored."""
@@ -72,9 +103,12 @@ class VideoInfo:
 
 @dataclass(frozen=True)
 class _Packets:
-    """Time stamps (s, sorted) of the packets that become frames, and signs of damage."""
+    """Time stamps (s, sorted) of the packets that become frames, their order in the file, whether they stand alone, and
+    signs of damage."""
 
     times: FloatArray
+    coded_at: IntArray
+    stands_alone: BoolArray
     total: int
     damaged_at: int | None
     ends: float  # the latest end of any packet of any stream, s
@@ -94,9 +128,51 @@ def is_video(path: Path) -> bool:
 def probe_video(path: Path) -> VideoInfo:
     """Read a video's properties without decoding it.
 
+    Args:
+        path: the file, or a folder with the chapters of one recording.
+
     Raises:
         VideoError: not a video, undecodable, or with fewer frames than its container declares.
+        SessionError: a folder with other files than the chapters of one recording.
     """
+    if path.is_dir():
+        return _joined(path, [probe_video(file) for file in recorded_order(path, camera_films(path))])
+    with parsing(path, VideoError, "a video"):
+        return _probe_file(path)
+
+
+def _joined(folder: Path, parts: Sequence[VideoInfo]) -> VideoInfo:
+    """Chapters as one video, each beginning where the one before ends."""
+    if not parts:
+        raise VideoError(f"{folder} holds no video")
+    first = parts[0]
+    for part in parts[1:]:
+        if (part.width, part.height, part.rotation_deg) != (first.width, first.height, first.rotation_deg) or abs(
+            part.fps / first.fps - 1
+        ) > _SAME_RATE:
+            raise VideoError(
+                f"{folder}: {first.path.name} has {first.width}x{first.height} px at {first.fps:.4g} fps and "
+                f"{part.path.name} {part.width}x{part.height} px at {part.fps:.4g} fps: they are not one recording; "
+                "leave the files of this take there"
+            )
+    lasts = [part.times[-1] + 1 / part.fps for part in parts]
+    begins = np.concatenate([[0.0], np.cumsum(lasts)[:-1]])
+    counts = np.concatenate([[0], np.cumsum([part.frames for part in parts])[:-1]])
+    return replace(
+        first,
+        path=folder,
+        chapters=tuple(part.path for part in parts),
+        frames=sum(part.frames for part in parts),
+        declares_count=all(part.declares_count for part in parts),
+        times=np.concatenate([begin + part.times for begin, part in zip(begins, parts, strict=True)]),
+        coded_at=np.concatenate([count + part.coded_at for count, part in zip(counts, parts, strict=True)]),
+        stands_alone=np.concatenate([part.stands_alone for part in parts]),
+        variable_rate=any(part.variable_rate for part in parts),
+        size_bytes=sum(part.size_bytes for part in parts),
+    )
+
+
+def _probe_file(path: Path) -> VideoInfo:
     size_bytes = path.stat().st_size
     if size_bytes == 0:
         raise VideoError(f"{path} is empty (0 bytes); record or copy it again")
@@ -104,13 +180,18 @@ def probe_video(path: Path) -> VideoInfo:
         stream = container.streams.best("video")
         if stream is None:
             raise VideoError(f"{path} has no video stream; put one video per camera into the videos folder")
+        if stream.codec_context is None:
+            raise VideoError(
+                f"{path}: FFmpeg does not know its video's codec{_stated_codec(path)}; the file is damaged, or must be "
+                "exported as H.264"
+            )
         formats = set(container.format.name.split(","))
         packets = _walk(path, container, stream)
         declared, rate = int(stream.frames), stream.average_rate
         guessed = stream.guessed_rate or rate
         declared_end = _declared_end(container, stream)
         codec, in_order = stream.codec_context.name, stream.codec_context.codec.intra_only
-        name = container.format.name
+        name, recorded_fps = container.format.name, _recorded_fps(container, stream)
     counted = bool(formats & _COUNTED) and declared > 0
     _refuse_truncated(path, packets, declared if counted else 0, declared_end, guessed)
     width, height, rotation, aspect, shown_from = _first_frame(path)
@@ -118,11 +199,11 @@ def probe_video(path: Path) -> VideoInfo:
     # demuxer reports for frames that are not stored in order are guesses.
     reliable = name != "avi" or (in_order and bool((np.diff(packets.times) > 0).all()))
     times = packets.times if reliable or not guessed else np.arange(len(packets.times)) / float(guessed)
-    begin = times[0]
+    begin, shown = times[0], np.ones(len(times), dtype=np.bool_)
     if reliable and shown_from is not None and not counted:
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-        times = times[times >= shown_from - 0.5 * usual]
-    times = times - begin
+        shown = times >= shown_from - 0.5 * usual
+    times = times[shown] - begin
     fps, variable = _rate(times, guessed)
     if rotation % 180:
         width, height = height, width
@@ -138,9 +219,12 @@ def probe_video(path: Path) -> VideoInfo:
         frames=len(times),
         declares_count=counted,
         times=times,
+        coded_at=packets.coded_at[shown],
+        stands_alone=packets.stands_alone[shown],
         variable_rate=variable,
         pixel_aspect=aspect,
         size_bytes=size_bytes,
+        recorded_fps=recorded_fps,
     )
 
 
@@ -163,6 +247,14 @@ def open(path: Path, **options: str) -> Any:
         ) from None
 
 
+def _stated_codec(path: Path) -> str:
+    """The codec that a file states, for a message; empty where it cannot be found. PyAV does not tell it where FFmpeg
+    does not know it."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        found = next((bytes(match[1]) for pattern in _CODEC_NAMES if (match := pattern.search(data))), b"")
+    return f" {found.decode('latin-1').strip()}" if found else ""
+
+
 def reason(error: BaseException) -> str:
     """What an error of FFmpeg or the system says, in one line of lower case."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
@@ -172,6 +264,7 @@ def reason(error: BaseException) -> str:
 def _walk(path: Path, container: Any, stream: Any) -> _Packets:
     """Read every packet's time stamp; nothing is decoded."""
     times: list[float] = []
+    alone: list[bool] = []
     total, damaged, ends = 0, None, 0.0
     fallback = float(1 / (stream.guessed_rate or stream.average_rate or 25))
     try:
@@ -189,10 +282,20 @@ def _walk(path: Path, container: Any, stream: Any) -> _Packets:
                 damaged = total
             if not packet.is_discard:
                 times.append(stamp * base if stamp is not None else len(times) * fallback)
+                alone.append(packet.is_keyframe)
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(f"{path} breaks off after {total} frames ({reason(error)}); copy or export it again") from None
-    ordered = np.sort(np.asarray(times, dtype=np.float64))
-    return _Packets(ordered, total, damaged, ends)
+    order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
+    return _Packets(np.asarray(times)[order], order, np.asarray(alone, np.bool_)[order], total, damaged, ends)
+
+
+def _recorded_fps(container: Any, stream: Any) -> float | None:
+    """Frames per second at which a phone recorded, where it says so."""
+    tags = {key.lower(): value for tagged in (container, stream) for key, value in tagged.metadata.items()}
+    with contextlib.suppress(KeyError, ValueError):
+        rate = float(tags["com.android.capture.fps"])
+        return rate if np.isfinite(rate) and rate > 0 else None
+    return None
 
 
 def _declared_end(container: Any, stream: Any) -> float | None:

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import SessionError
 from muybridge.geometry.calibration import find_calibration, read_calibration
 from muybridge.geometry.calibration.gravity import level_cameras, tilt_notes
@@ -72,6 +72,8 @@ class Session:
             number.
         clocks: (C,) of the cameras, counted from their first frames of the take, where a `sync.toml` gives them: the
             remaining fractions of a frame, and drifts.
+        ended: (C, T) whether a camera's video has ended before; its last frame stands in `frame_indices` then. None
+            where all videos last to the end of the take.
         upright: the cameras in a world with Z up, where the calibration's Z axis is not up and people show it.
     """
 
@@ -85,6 +87,7 @@ class Session:
     late: FloatArray | None = None
     clocks: tuple[Clock, ...] | None = None
     upright: CameraGroup | None = None
+    ended: BoolArray | None = None
 
     @property
     def name(self) -> str:
@@ -95,6 +98,10 @@ class Session:
     def frames(self) -> int:
         """Number of frames (T) of the take."""
         return int(self.frame_indices.shape[1])
+
+    def lasts(self, c: int) -> int:
+        """Number of frames of the take that a camera's video has."""
+        return self.frames if self.ended is None else int((~self.ended[c]).sum())
 
     @cached_property
     def level_cameras(self) -> CameraGroup:
@@ -142,8 +149,9 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
             notices.append(assumed)
     table = time_table_in(path) or time_table_in(video_folder(path))
     clocks = clocks_in(path, group.names) if in_step else None
+    ended = None
     if table is None:
-        fps, indices, late, clocks, notes = common_time(videos, clocks)
+        fps, indices, late, clocks, ended, notes = common_time(videos, clocks)
     else:
         fps, indices, late, notes = paired_by_time(table, videos)
     notices += notes + _oddities(videos, group)
@@ -159,6 +167,7 @@ def open_session(path: Path, options: SessionOptions = SessionOptions(), in_step
         notices=tuple(notices),
         late=late,
         clocks=clocks,
+        ended=ended,
     )
 
 
@@ -211,10 +220,12 @@ def _odd_pixels(video: VideoInfo) -> bool:
     return abs(video.pixel_aspect - 1) > 0.01
 
 
-def with_frames(session: Session, frames: int) -> Session:
-    """The session's first `frames` frames."""
-    late = None if session.late is None else session.late[:, :frames]
-    return replace(session, frame_indices=session.frame_indices[:, :frames], late=late)
+def with_frames(session: Session, frames: int | IntArray) -> Session:
+    """The session's first `frames` frames, or those of these numbers."""
+    kept = np.arange(frames) if isinstance(frames, int) else frames
+    late = None if session.late is None else session.late[:, kept]
+    ended = None if session.ended is None else session.ended[:, kept]
+    return replace(session, frame_indices=session.frame_indices[:, kept], late=late, ended=ended)
 
 
 def with_notice(session: Session, notice: str, progress: Progress) -> Session:

@@ -7,15 +7,18 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from reprlib import repr as shorten
 
 import numpy as np
 
 from muybridge.arrays import IntArray
-from muybridge.errors import SessionError
+from muybridge.errors import SessionError, parsing
 from muybridge.geometry.sync.clocks import Clock
 
 SYNC_FILE = "sync.toml"
 SYNC_VERSION = 1
+# Largest values that a recording can have: its cameras start within days, and drift by less than another frame rate.
+_LARGEST = {"offset": 1e6, "drift_ppm": 1e5, "offset_sd": 1e6}
 
 
 def clocks_in(folder: Path, names: Sequence[str]) -> tuple[Clock, ...] | None:
@@ -30,10 +33,12 @@ def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
     Raises:
         SessionError: it is no such file, or a value is not a number.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SessionError(f"{path}: cannot be read ({error}); write it again with `muybridge sync`") from None
+    with parsing(path, SessionError, "a sync.toml"):
+        return _read(path, names)
+
+
+def _read(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
+    data = tomllib.loads(path.read_text(encoding="utf-8"))
     tables = data.get("cameras")
     if data.get("muybridge_sync") != SYNC_VERSION or not isinstance(tables, dict):
         raise SessionError(
@@ -42,17 +47,23 @@ def read_sync(path: Path, names: Sequence[str]) -> tuple[Clock, ...]:
         )
     unknown = [n for n in tables if n not in names]
     if len(unknown) == len(tables):
-        raise SessionError(f"{path}: names {', '.join(unknown)}, none of the cameras {', '.join(names)}")
+        listed = ", ".join(shorten(n) for n in unknown[:10]) or "no camera"
+        raise SessionError(f"{path}: names {listed}, none of the cameras {', '.join(names)}")
     return tuple(_clock(path, name, tables.get(name, {})) for name in names)
 
 
 def _clock(path: Path, name: str, table: object) -> Clock:
     if not isinstance(table, dict):
         raise SessionError(f"{path}: camera {name} is not a table; write [cameras.{name}]")
-    values = {k: table.get(k, d) for k, d in (("offset", 0.0), ("drift_ppm", 0.0), ("offset_sd", 0.0))}
+    values = {k: table.get(k, 0.0) for k in _LARGEST}
     for key, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise SessionError(f"{path}: camera {name}: {key} is {value!r}; it must be a finite number")
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise SessionError(f"{path}: camera {name}: {key} is {shorten(value)}; it must be a finite number")
+        if not abs(value) <= _LARGEST[key]:
+            raise SessionError(
+                f"{path}: camera {name}: {key} is {shorten(value)}; it must be a finite number of at most "
+                f"{_LARGEST[key]:g}"
+            )
     return Clock(float(values["offset"]), values["drift_ppm"] * 1e-6, float(values["offset_sd"]), 0.0, 1.0)
 
 

@@ -5,19 +5,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.errors import SessionError
 from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.sync_file import SYNC_FILE, first_frames_in_common
 from muybridge.infer.session.timestamps import nearest
 
+# Where one camera stops so much earlier, in seconds, the others go on without it.
+_GOES_ON_S = 0.5
+# Slow motion is stored at a fraction of the rate at which it was recorded; rates less apart are the same one.
+_SLOWED = 1.5
+# A video that lasts so many times as long as the others, as the slow motion of usual recorders does, is suspected.
+_SLOWED_BY, _ABOUT = (4, 8), 0.03
 # Rates this close are one rate stated differently (29.97 and 30).
 _SAME_RATE = 0.005
 
 
 def common_time(
     videos: Sequence[VideoInfo], clocks: tuple[Clock, ...] | None
-) -> tuple[float, IntArray, FloatArray | None, tuple[Clock, ...] | None, list[str]]:
+) -> tuple[float, IntArray, FloatArray | None, tuple[Clock, ...] | None, BoolArray | None, list[str]]:
     """The time line of a take.
 
     Args:
@@ -26,8 +33,13 @@ def common_time(
 
     Returns:
         frame rate; (C, T) frames of each video; (C, T) how late they were taken, seconds (None where frames are paired
-        by number); the clocks counted from the first frames; and notices about what was assumed.
+        by number); the clocks counted from the first frames; (C, T) whether a video has ended (None where all last to
+        the end; its last frame is repeated then); and notices about what was assumed.
+
+    Raises:
+        SessionError: a video is slow motion, or a video ends before another begins.
     """
+    _refuse_slow_motion(videos)
     rates = np.array([v.fps for v in videos])
     near = rates.max() / rates.min() - 1 < _SAME_RATE
     listed = ", ".join(f"{v.path.name} {v.fps:.4g}" for v in videos)
@@ -61,34 +73,70 @@ def common_time(
         counts = [int(np.floor(v.times[-1] * fps + 0.5)) + 1 for v in videos]
     else:
         counts = [v.frames for v in videos]
-    first, clocks, omitted = _first_frames(videos, counts, clocks, fps)
-    own = first[:, None] + np.arange(int((np.array(counts) - first).min()))
-    notices += omitted
+    first, clocks, frames, omitted = _first_frames(videos, counts, clocks, fps)
+    own = first[:, None] + np.arange(frames)
+    notices += omitted + _much_longer(videos)
+    past = own >= np.array(counts)[:, None]
+    ended = past if past.any() else None
     if not by_time:
-        return fps, own, None, clocks, notices
+        return fps, np.minimum(own, np.array(counts)[:, None] - 1), None, clocks, ended, notices
     indices = np.stack([nearest(v.times, grid) for v, grid in zip(videos, own / fps, strict=True)])
     late = np.stack([v.times[at] for v, at in zip(videos, indices, strict=True)]) - own / fps
-    return fps, indices, late, clocks, notices
+    return fps, indices, late, clocks, ended, notices
 
 
 def _first_frames(
     videos: Sequence[VideoInfo], counts: Sequence[int], clocks: tuple[Clock, ...] | None, fps: float
-) -> tuple[IntArray, tuple[Clock, ...] | None, list[str]]:
-    """(C,) the first frame of the take in each video, the clocks counted from there, and notices."""
+) -> tuple[IntArray, tuple[Clock, ...] | None, int, list[str]]:
+    """(C,) the first frame of the take in each video, the clocks counted from there, the number of frames, and
+    notices."""
     names = [v.path.name for v in videos]
     first = np.zeros(len(videos), dtype=np.int64)
     if clocks is not None:
         first, clocks = first_frames_in_common(clocks, names, counts, fps)
-    frames = int((np.array(counts) - first).min())
+    left = np.array(counts) - first
+    shortest, frames = int(left.min()), int(np.sort(left)[-2])  # motion needs two cameras
+    if (frames - shortest) / fps <= _GOES_ON_S:
+        frames = shortest
     lengths = ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True))
+    notices = []
     if first.any():
         begins = ", ".join(f"{name} {n}" for name, n in zip(names, first, strict=True))
-        notice = f"by {SYNC_FILE} the take begins with frames {begins}: {frames} frames of all videos ({lengths})"
-        return first, clocks, [notice]
-    if len(set(counts)) > 1:
-        notice = f"the videos differ in length ({lengths} frames): the first {frames} frames are used"
-        return first, clocks, [notice]
-    return first, clocks, []
+        of_all = "" if frames > shortest else " of all videos"
+        notices = [f"by {SYNC_FILE} the take begins with frames {begins}: {frames} frames{of_all} ({lengths})"]
+    elif len(set(counts)) > 1:
+        notices = [f"the videos differ in length ({lengths} frames): the first {frames} frames are used"]
+    stopped = [f"{name} at frame {n}" for name, n in zip(names, left, strict=True) if n < frames]
+    if stopped:
+        notices.append(f"{', '.join(stopped)} of the take ends early: the other cameras are used from there on")
+    return first, clocks, frames, notices
+
+
+def _refuse_slow_motion(videos: Sequence[VideoInfo]) -> None:
+    """Raise if a video says that it was recorded at a much higher rate than it is stored with."""
+    slow = [v for v in videos if v.recorded_fps is not None and v.recorded_fps > _SLOWED * v.fps]
+    if slow:
+        named = ", ".join(f"{v.path.name} (recorded at {v.recorded_fps:.4g} fps, slowed to {v.fps:.4g})" for v in slow)
+        by = (slow[0].recorded_fps or 1.0) / slow[0].fps
+        name = slow[0].path.name
+        raise SessionError(
+            f"slow motion: {named}; restore the speed of each, such as "
+            f"`ffmpeg -itsscale {1 / by:.6g} -i {name} -c copy real_time_{name}`, and use those files"
+        )
+
+
+def _much_longer(videos: Sequence[VideoInfo]) -> list[str]:
+    """A notice about videos that last as many times as long as the others as slow motion does."""
+    lengths = np.array([v.times[-1] + 1 / v.fps for v in videos])
+    suspects = []
+    for c, video in enumerate(videos):
+        others = np.delete(lengths, c)
+        ratio = lengths[c] / np.median(others)
+        if np.ptp(others) < _ABOUT * others.max() and min(abs(ratio / by - 1) for by in _SLOWED_BY) < _ABOUT:
+            suspects.append(f"{video.path.name} lasts {ratio:.3g} times as long as the others")
+    if not suspects:
+        return []
+    return [f"{', '.join(suspects)}: if it is slow motion, export it again at its real speed"]
 
 
 def _by_number(videos: Sequence[VideoInfo]) -> tuple[bool, float]:

@@ -9,17 +9,21 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from reprlib import repr as shorten
 
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.errors import MuybridgeError, SessionError
+from muybridge.errors import MuybridgeError, SessionError, parsing
 from muybridge.infer.session.probe import VideoInfo
 
 # Names of the file; the second is that of older recordings.
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
+_COLUMNS = "it needs the columns sync_index, cam_id, frame_time (finite numbers), a row per frame"
+_LATEST_S = 1e13  # since 1970, in milliseconds too
+_SPREAD, _FEW = 100, 10_000  # a take of more moments, per frame of its shortest video, has damaged times
 
 
 def read_time_table(
@@ -32,21 +36,18 @@ def read_time_table(
         videos: that the rows are of.
         error: raised where the table cannot be read or does not fit the videos.
     """
+    with parsing(path, error, "a table of time stamps"):
+        return _read_time_table(path, videos, error)
+
+
+def _read_time_table(
+    path: Path, videos: Sequence[VideoInfo], error: type[MuybridgeError]
+) -> list[tuple[FloatArray, IntArray]]:
     rows: dict[str, list[tuple[float, int]]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            for line, row in enumerate(csv.DictReader(file), start=2):
-                camera = row.get("cam_id") or row.get("port") or row.get("camera")
-                if camera is None:
-                    raise ValueError(f"line {line} names no camera in a column cam_id")
-                time = float(row["frame_time"])
-                if not np.isfinite(time):
-                    raise ValueError(f"line {line} has no time in the column frame_time")
-                rows.setdefault(camera.strip(), []).append((time, int(row["sync_index"])))
-    except (OSError, ValueError, KeyError, TypeError) as problem:
-        raise error(
-            f"{path}: cannot be read ({problem}); it needs the columns sync_index, cam_id, frame_time, a row per frame"
-        ) from None
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            camera, time, moment = _row(row, f"{path}: line {line}", error)
+            rows.setdefault(camera, []).append((time, moment))
     out = []
     for video in videos:
         stem = video.path.stem
@@ -60,6 +61,21 @@ def read_time_table(
         times, moments = zip(*sorted(rows[key]), strict=True)
         out.append((np.array(times), np.array(moments)))
     return out
+
+
+def _row(row: Mapping[str, str | None], where: str, error: type[MuybridgeError]) -> tuple[str, float, int]:
+    """Camera, time and moment of a row."""
+    camera = row.get("cam_id") or row.get("port") or row.get("camera")
+    if camera is None:
+        raise error(f"{where} names no camera in a column cam_id; {_COLUMNS}")
+    texts = row.get("frame_time"), row.get("sync_index")
+    try:
+        time, moment = float(texts[0] or ""), int(texts[1] or "")
+    except ValueError:
+        time, moment = np.nan, 0
+    if not (abs(time) < _LATEST_S and abs(moment) < _LATEST_S):
+        raise error(f"{where} has frame_time {shorten(texts[0])} and sync_index {shorten(texts[1])}; {_COLUMNS}")
+    return camera.strip(), time, moment
 
 
 def time_table_in(folder: Path) -> Path | None:
@@ -86,6 +102,9 @@ def paired_by_time(path: Path, videos: Sequence[VideoInfo]) -> tuple[float, IntA
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if end < begin or step <= 0:
         raise SessionError(f"{path}: the videos were not taken at the same time; is it another take's table?")
+    if (end - begin) / step > _SPREAD * min(len(t) for t in times) + _FEW:
+        raise SessionError(f"{path}: its times span {end - begin:.4g} s in steps of {step:.4g} s, more than the "
+                           "videos have frames; is a time damaged?")  # fmt: skip
     grid = begin + step * np.arange(int((end - begin) / step + 0.5) + 1)
     at = [nearest(t, grid) for t in times]
     late = np.stack([t[k] - grid for t, k in zip(times, at, strict=True)])

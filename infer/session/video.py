@@ -6,6 +6,7 @@ what the probe could only expect.
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import av
@@ -13,7 +14,8 @@ import av.error
 import numpy as np
 
 from muybridge.arrays import ByteArray, IntArray
-from muybridge.errors import VideoError
+from muybridge.errors import VideoError, parsing
+from muybridge.infer.session.damage import DamageWatch
 from muybridge.infer.session.probe import VideoInfo, open, reason
 
 CHUNK_BYTES = 100 * 2**20
@@ -25,13 +27,16 @@ def chunk_frames(info: VideoInfo) -> int:
     return int(np.clip(CHUNK_BYTES // (info.width * info.height * 3), 1, MAX_CHUNK))
 
 
-def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int = 1) -> Iterator[ByteArray]:
+def read_chunks(
+    info: VideoInfo, indices: IntArray | None = None, threads: int = 1, watch: DamageWatch | None = None
+) -> Iterator[ByteArray]:
     """Decode a video once, in order, in chunks of bounded memory.
 
     Args:
         info: from `probe_video`.
         indices: (T,) frames to deliver, never decreasing (repeats allowed); default all.
         threads: decoder threads.
+        watch: is told of every frame that is decoded, so that it knows the damaged ones at the end.
 
     Yields:
         (n, H, W, 3) RGB; the caller may keep the chunks.
@@ -46,6 +51,8 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
     filled = delivered = decoded = 0
     for decoded, frame in enumerate(_decode(info, threads), start=1):
         repeats = int(np.searchsorted(wanted, decoded - 1, side="right")) - delivered
+        if watch is not None:
+            watch.see(decoded - 1, frame)
         if repeats > 0:
             image = _to_rgb(frame, info)
         for _ in range(repeats):
@@ -68,8 +75,14 @@ def read_chunks(info: VideoInfo, indices: IntArray | None = None, threads: int =
 
 
 def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
+    """The frames of all files of a video, one file after the other."""
+    for file in info.files:
+        yield from _decode_file(file, info.frames, threads)
+
+
+def _decode_file(file: Path, frames: int, threads: int) -> Iterator[Any]:
     count = 0
-    with open(info.path) as container:
+    with open(file) as container, parsing(file, VideoError, "a video"):
         stream = container.streams.best("video")
         stream.codec_context.thread_count = threads
         stream.thread_type = "AUTO" if threads != 1 else "SLICE"
@@ -79,7 +92,7 @@ def _decode(info: VideoInfo, threads: int) -> Iterator[Any]:
                 yield frame
         except (av.error.FFmpegError, OSError) as error:
             raise VideoError(
-                f"{info.path} cannot be decoded after frame {count} of {info.frames} ({reason(error)}); "
+                f"{file} is damaged: it cannot be decoded after frame {count} of {frames} ({reason(error)}); "
                 "copy the file again, or re-encode the rest of it (ffmpeg -i IN -c:v libx264 OUT.mp4)"
             ) from None
 

@@ -5,16 +5,17 @@ A card is a small TOML file, described in docs/guides/other-models.md; some come
 
 from __future__ import annotations
 
-import math
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from reprlib import repr as shorten
 from typing import Any, Literal
 
-from muybridge.errors import ModelError
+from muybridge.errors import ModelError, parsing
 from muybridge.geometry.cameras.crops import BOX_PADDING
 from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.models.metadata_reader import LARGEST_AREA_PX, LARGEST_NUMBER, LARGEST_SIDE_PX
 from muybridge.models.uncertainty import SpreadCalibration
 
 _BODY17 = BODY23.names[:17]
@@ -109,16 +110,19 @@ def load_card(path: Path) -> ModelCard:
     Raises:
         ModelError: it cannot be read, a key is missing or unknown, or a value is invalid.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ModelError(f"{path}: not a readable model card ({error}); see docs/guides/other-models.md") from error
+    with parsing(path, ModelError, "a readable model card (see docs/guides/other-models.md)"):
+        return _card(path, tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+def _card(path: Path, table: dict[str, Any]) -> ModelCard:
     read = _Table(path, table)
     model, image = read.section("model"), read.section("input")
     decode = model.choice("decode", ("simcc", "heatmaps"))
     outputs = read.section(decode)
     names = model.landmarks()
     width, height = image.whole("width"), image.whole("height")
+    if width * height > LARGEST_AREA_PX:
+        raise image.error(f"width and height are {width} x {height}, more than {LARGEST_AREA_PX} pixels")
     if (width - height) % 2:
         raise image.error("width and height differ by an odd number, which no crop can have")
     variance, score = read.section("variance", needed=False), read.section("score", needed=False)
@@ -149,6 +153,11 @@ def load_card(path: Path) -> ModelCard:
     return card
 
 
+def _is_number(value: object) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= LARGEST_NUMBER  # type: ignore[operator]  # false of NaN
+
+
 class _Table:
     """Typed access to a table of a card; every error names the file and the key."""
 
@@ -175,38 +184,37 @@ class _Table:
     def text(self, key: str, default: str | None = None) -> str:
         value = self._get(key, default)
         if not isinstance(value, str):
-            raise self.error(f"{key} is {value!r}, not text")
+            raise self.error(f"{key} is {shorten(value)}, not text")
         return value
 
     def choice(self, key: str, known: tuple[str, ...], default: str | None = None) -> Any:
         value = self.text(key, default)
         if value not in known:
-            raise self.error(f"{key} is {value!r}, not one of {', '.join(known)}")
+            raise self.error(f"{key} is {shorten(value)}, not one of {', '.join(known)}")
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
         value = self._get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self.error(f"{key} is {value!r}, not a number")
+        if not _is_number(value):
+            raise self.error(f"{key} is {shorten(value)}, not a number from -{LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}")
         return float(value)
 
     def positive(self, key: str, default: float | None = None) -> float:
         value = self.number(key, default)
-        if value <= 0:
-            raise self.error(f"{key} is {value}, not positive")
+        if value < 1 / LARGEST_NUMBER:
+            raise self.error(f"{key} is {value:g}, not positive")
         return value
 
     def whole(self, key: str) -> int:
         value = self._get(key, None)
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise self.error(f"{key} is {value!r}, not a positive whole number")
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= LARGEST_SIDE_PX:
+            raise self.error(f"{key} is {shorten(value)}, not a positive whole number of at most {LARGEST_SIDE_PX}")
         return value
 
     def triple(self, key: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
         value = self._get(key, list(default))
-        numbers = isinstance(value, list) and all(isinstance(v, int | float) and math.isfinite(v) for v in value)
-        if not numbers or len(value) != 3:
-            raise self.error(f"{key} is {value!r}, not three numbers")
+        if not isinstance(value, list) or len(value) != 3 or not all(_is_number(v) for v in value):
+            raise self.error(f"{key} is {shorten(value)}, not three numbers")
         return float(value[0]), float(value[1]), float(value[2])
 
     def landmarks(self) -> tuple[str, ...]:
@@ -215,7 +223,7 @@ class _Table:
         if isinstance(value, str) and value in LAYOUTS:
             return LAYOUTS[value]
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise self.error(f"landmarks is {value!r}, neither a list of names nor one of {', '.join(LAYOUTS)}")
+            raise self.error(f"landmarks is {shorten(value)}, neither a list of names nor one of {', '.join(LAYOUTS)}")
         if len(set(value)) != len(value):
             raise self.error("a landmark is listed twice")
         if not set(value) & set(BODY23.names):
@@ -226,4 +234,4 @@ class _Table:
         """Raise ModelError if the table has a key that was never read."""
         unknown = sorted(set(self._table) - self._used)
         if unknown:
-            raise self.error(f"unknown {', '.join(unknown)}")
+            raise self.error(f"unknown {', '.join(shorten(key)[1:-1] for key in unknown[:10])}")

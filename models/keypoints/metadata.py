@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import Float32Array, FloatArray, IndexArray
+from muybridge.errors import ModelError, parsing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 from muybridge.models.keypoints.decode import DecodedHeatmaps, decode_heatmaps, in_part, sigmoid
@@ -125,7 +126,11 @@ def keypoint_card(metadata: Mapping[str, str], path: Path) -> KeypointModelCard:
     Raises:
         ModelError: not a muybridge keypoint network, or its metadata are damaged.
     """
-    read = Reader(metadata, path)
+    with parsing(path, ModelError, "a usable muybridge model"):
+        return _keypoint_card(Reader(metadata, path), metadata)
+
+
+def _keypoint_card(read: Reader, metadata: Mapping[str, str]) -> KeypointModelCard:
     read.kind("keypoints")
     names = read.names("names")
     marked = "marker_names" in metadata

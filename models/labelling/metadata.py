@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.errors import ModelError, parsing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.models.metadata_reader import Reader
 
@@ -47,17 +48,19 @@ def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
     Raises:
         ModelError: not a muybridge labelling network, or its metadata are damaged.
     """
-    read = Reader(metadata, path)
+    with parsing(path, ModelError, "a usable muybridge model"):
+        return _label_card(Reader(metadata, path), metadata)
+
+
+def _label_card(read: Reader, metadata: Mapping[str, str]) -> LabelModelCard:
     read.kind("labels")
     rigidity = read.json_object("rigidity")
     distance, motion, bodies = (_matrix(rigidity.get(k), k, read) for k in ("distance_mm", "motion_mm", "bodies_mm"))
-    window = read.json("window")
-    if not isinstance(window, list) or not all(isinstance(w, float) for w in window):
-        raise read.error("window is not a list of seconds")
-    if tuple(read.json("names")) != SURFACE.names:
+    window = read.seconds("window")
+    if read.names("names") != SURFACE.names:
         raise read.error("its label names are not those of the surface landmarks")
     return LabelModelCard(
-        read.text("version"), tuple(window), read.integer("neighbours"), distance, motion, bodies, dict(metadata)
+        read.text("version"), window, read.integer("neighbours"), distance, motion, bodies, dict(metadata)
     )
 
 
@@ -68,5 +71,5 @@ def _matrix(value: Any, key: str, read: Reader) -> FloatArray:
     if not isinstance(value, list) or len(value) != len(upper[0]):
         raise read.error(f"rigidity.{key} does not hold a number for every pair of labels")
     out = np.zeros((size, size))
-    out[upper] = np.asarray(value, np.float64) / 1000
+    out[upper] = [read.positive(v, f"rigidity.{key}", zero=True) / 1000 for v in value]
     return out + out.T

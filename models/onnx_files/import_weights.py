@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from muybridge.errors import ModelError
+from muybridge.errors import ModelError, parsing
 from muybridge.models.keypoints.network import CHANNELS, PLATE, KeypointNet
 from muybridge.models.people.network import MEAN, STD, PeopleNet
 
@@ -96,9 +96,10 @@ def training_record(path: Path) -> dict[str, Any]:
     """What the exporter recorded about a network's training: `images`, `minutes` (if known) and `seed`."""
     import onnx
 
-    metadata = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
-    training: dict[str, Any] = json.loads(metadata.get("training", "{}"))
-    return training | {"seed": metadata.get("seed", "")}
+    with parsing(path, ModelError, "an ONNX model with a record of its training"):
+        metadata = {p.key: p.value for p in onnx.load(str(path)).metadata_props}
+        training: dict[str, Any] = json.loads(metadata.get("training", "{}"))
+        return training | {"seed": metadata.get("seed", "")}
 
 
 @torch.no_grad()

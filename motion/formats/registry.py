@@ -22,13 +22,16 @@ from muybridge.motion.formats.gltf.write import write_glb
 from muybridge.motion.formats.points.c3d import read_c3d_take, write_c3d
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.formats.points.csv import read_csv_from, write_csv
-from muybridge.motion.formats.points.npz import read_npz, write_npz
+from muybridge.motion.formats.points.npz import read_npz_from, write_npz
 from muybridge.motion.formats.points.parquet import read_parquet_from, write_parquet
 from muybridge.motion.formats.points.trc import read_trc_from, write_trc
+from muybridge.motion.formats.points.world import PointsOfFile
 from muybridge.motion.formats.skeletal.amc import CMU_FPS, read_amc, write_amc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
 from muybridge.motion.formats.skeletal.mot import write_mot
+from muybridge.motion.formats.skeletal.room import check_room
+from muybridge.motion.formats.skeletal.storage import read_storage
 from muybridge.motion.formats.skeletal.usd import write_usda
 from muybridge.motion.take import Take
 
@@ -45,6 +48,7 @@ class ReadOptions:
         fps: frames per second; MuybridgeError unless above zero.
         asf: the skeleton of an AMC.
         clip: name or number of the animation, of a file that holds several; None is the first.
+        limit: bytes that the arrays of an NPZ may take; None for the limits of `muybridge.npz.load_npz`.
     """
 
     units: str | None = None
@@ -52,6 +56,7 @@ class ReadOptions:
     fps: float | None = None
     asf: Path | None = None
     clip: Clip = None
+    limit: int | None = None
 
     def __post_init__(self) -> None:
         check_fps(self.fps)
@@ -76,18 +81,19 @@ class Format:
     write_motion: Callable[[Path, Motion, BvhUnits], object] | None = None
 
 
-def _timed(read: tuple[Points3D, float], options: ReadOptions) -> Take:
+def _timed(read: PointsOfFile, options: ReadOptions) -> Take:
     """Points and when they begin, which their file states wrongly where it states the frame rate wrongly."""
-    return Take(points=read[0], start=read[1] if options.fps is None else 0.0)
+    return Take(points=read.points, start=read.start if options.fps is None else 0.0, notices=read.notices)
 
 
 def _read_c3d(path: Path, options: ReadOptions) -> Take:
     take = read_c3d_take(path, options.units, options.up, options.fps)
-    return Take(points=take.points, c3d=take, start=(take.first_frame - 1) / take.points.fps)
+    return Take(points=take.points, c3d=take, start=(take.first_frame - 1) / take.points.fps,
+                notices=take.notices)  # fmt: skip
 
 
 def _read_table(path: Path, options: ReadOptions) -> Take:
-    return _timed(read_csv_from(path, options.fps, options.units, options.up or "z"), options)
+    return _timed(read_csv_from(path, options.fps, options.units, options.up), options)
 
 
 def _read_fbx(path: Path, options: ReadOptions) -> Take:
@@ -102,12 +108,14 @@ def _read_gltf(path: Path, options: ReadOptions) -> Take:
 _POINTS = ("units", "up", "fps")
 _SCENE = ("fps", "clip")
 FORMATS: dict[str, Format] = {f.suffix: f for f in (
-    Format(".trc", _POINTS, lambda p, o: _timed(read_trc_from(p, o.units, o.up or "y", o.fps), o), write_trc),
+    Format(".trc", _POINTS, lambda p, o: _timed(read_trc_from(p, o.units, o.up, o.fps), o), write_trc),
     Format(".c3d", _POINTS, _read_c3d, write_c3d),
     Format(".csv", _POINTS, _read_table, write_csv),
     Format(".tsv", _POINTS, _read_table),
+    Format(".txt", _POINTS, _read_table),
     Format(".parquet", _POINTS, lambda p, o: _timed(read_parquet_from(p, o.fps, o.units, o.up), o), write_parquet),
-    Format(".npz", _POINTS, lambda p, o: Take(points=read_npz(p, o.fps, o.units, o.up or "z")), write_npz),
+    Format(".npz", (*_POINTS, "limit"),
+           lambda p, o: _timed(read_npz_from(p, o.fps, o.units, o.up or "z", o.limit), o), write_npz),
     Format(".bvh", ("units", "fps"), lambda p, o: read_bvh_take(p, o.units), write_motion=write_bvh),
     Format(".amc", ("asf", "fps"), lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
            write_motion=lambda p, m, _: write_amc(p, m)),
@@ -116,7 +124,8 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
     Format(".vrm", _SCENE, _read_gltf),
     Format(".vrma", _SCENE, _read_gltf),
     Format(".fbx", _SCENE, _read_fbx, write_motion=lambda p, m, _: write_fbx(p, m)),
-    Format(".mot", (), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".mot", (), lambda p, o: read_storage(p), write_motion=lambda p, m, _: write_mot(p, m)),
+    Format(".sto", (), lambda p, o: read_storage(p)),
     Format(".usda", (), write_motion=lambda p, m, _: write_usda(p, m)),
 )}  # fmt: skip
 
@@ -170,6 +179,8 @@ def read_file(path: Path, options: ReadOptions | None = None) -> Take:
     take = read(path, options)
     if take.motion is not None and options.fps is not None:
         take = replace(take, motion=replace(take.motion, fps=options.fps))
+    if take.motion is not None:
+        check_room(path, take.motion)
     if not np.isfinite(take.positions.points_world).any():
         raise FormatError(f"{path}: every point of it is missing; there is nothing to work with")
     return take

@@ -16,6 +16,7 @@ from muybridge.infer.commands.app import run_command  # noqa: E402
 from muybridge.infer.demo_take.take import demo_folder, true_points  # noqa: E402
 from muybridge.infer.detection.crop_pixels import extract_crops  # noqa: E402
 from muybridge.infer.detection.detect import DetectOptions  # noqa: E402
+from muybridge.infer.detection.pose_estimator import KeypointOptions  # noqa: E402
 from muybridge.infer.networks.external import ExternalModel, open_keypoints  # noqa: E402
 from muybridge.infer.networks.keypoints import OnnxOptions  # noqa: E402
 from muybridge.infer.networks.models import open_models  # noqa: E402
@@ -24,6 +25,7 @@ from muybridge.models.keypoints.external import LAYOUTS, find_card, load_card, s
 from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.models.uncertainty import SpreadCalibration  # noqa: E402
+from tests.paths import DATA  # noqa: E402
 
 MEAN, STD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 WIDTH, HEIGHT = 192, 256
@@ -256,13 +258,39 @@ def test_a_card_beside_the_model_is_found(tmp_path: Path) -> None:
         ({"std = [58.395, 57.12, 57.375]": "std = 3"}, "not three numbers"),
         ({"[simcc]": "[score]\nmin_confidence = 50\n[simcc]"}, "min_confidence is 50.0, not from 0 to 1"),
         ({"[input]": "[input"}, "not a readable model card"),
+        ({"width = 192": "width = 32768", "height = 256": "height = 32768"}, "at most 4096"),
+        ({"width = 192": "width = 4096", "height = 256": "height = 4096"}, "more than 4194304 pixels"),
+        ({"split_ratio = 2.0": "split_ratio = " + "9" * 400}, "split_ratio is 99999"),
+        ({"split_ratio = 2.0": "split_ratio = inf"}, "split_ratio is inf"),
+        ({"mean = [123.675,": "mean = [nan,"}, "not three numbers"),
+        ({"[input]": "x = " + "[" * 5000}, "nested too deeply"),
     ],
 )
 def test_cards_with_faults(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     path = _card(tmp_path, **changes)
     with pytest.raises(ModelError, match=message) as caught:
         load_card(path)
-    assert str(path) in str(caught.value)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize("name", ["deep_card.toml", "num_card.toml"])
+def test_cards_that_went_wrong(name: str) -> None:
+    path = DATA / "cases" / "card_deep" / name
+    if not path.exists():
+        pytest.skip(f"{path} is absent")
+    with pytest.raises(ModelError) as caught:
+        load_card(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_size_of_crops_and_huge_batches_are_refused(tmp_path: Path) -> None:
+    path = _bright_spot_model(tmp_path / "model.onnx", 17)
+    with pytest.raises(ModelError, match="size of crops"):
+        open_models(DetectOptions(keypoints=KeypointOptions(onnx=OnnxOptions(size=0.75)), keypoint_model=path,
+                                  model_card="rtmpose-coco17"))  # fmt: skip
+    path = _bright_spot_model(tmp_path / "many.onnx", 17, batch=10**6)
+    with pytest.raises(ModelError, match="takes 1000000 images"):
+        open_keypoints(path, "rtmpose-coco17", OnnxOptions())
 
 
 @pytest.mark.parametrize(

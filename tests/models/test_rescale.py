@@ -75,8 +75,9 @@ def test_first_pass_uses_smaller_crops() -> None:
     options = first_pass(DetectOptions()).keypoints.onnx
     network, whole = KeypointNetwork(shipped_model("keypoints"), options), KeypointNetwork(shipped_model("keypoints"))
     assert (network.crop_size, whole.crop_size) == (192, 256)
-    smallest = DetectOptions(keypoints=KeypointOptions(onnx=OnnxOptions(size=0.25)))
-    assert first_pass(smallest).keypoints.onnx.size == 0.25
+    for stated in (0.625, 0.75, 1.0, 1.5):  # a stated size is what the network sees in both passes
+        options = DetectOptions(keypoints=KeypointOptions(onnx=OnnxOptions(size=stated)))
+        assert first_pass(options).keypoints.onnx.size == stated
     crops = np.random.default_rng(0).integers(0, 256, (2, 192, 192, 3), dtype=np.uint8)
     found = network.locate(crops).found
     there = np.isfinite(found.points_crop_px)
@@ -85,6 +86,6 @@ def test_first_pass_uses_smaller_crops() -> None:
 
 def test_invalid_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="size must be between"):
-        OnnxOptions(size=0.1)
+        OnnxOptions(size=0.5)  # half of it is read nowhere
     with pytest.raises(ValueError, match="multiple of 32"):
         KeypointNetwork(shipped_model("keypoints"))(np.zeros((1, 200, 200, 3), np.uint8))

@@ -101,7 +101,7 @@ def _make_all(options: SolverTraining) -> None:
 
 
 def train(options: SolverTraining) -> pathlib.Path:
-    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one.
+    """Train for `options.minutes` or `steps` from the last checkpoint in `options.out`; return the path of the new one.
 
     Missing fits are made first. A new run begins with the linear part, which is solved in closed form.
 

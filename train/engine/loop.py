@@ -45,7 +45,7 @@ def learning_rate(peak: float, step: int, elapsed: float, budget: float, decay: 
     Args:
         peak: the constant rate.
         step: steps so far; the rate rises over the first 300.
-        elapsed, budget: seconds so far, and in total.
+        elapsed, budget: seconds so far, and in total; or steps.
         decay: share of the budget, at its end, over which the rate falls.
     """
     warm = min(1.0, (step + 1) / _WARM_UP_STEPS)
@@ -190,7 +190,7 @@ class TrainingRun:
         self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]],
         worker: GradientWorker | None = None,
     ) -> None:  # fmt: skip
-        """Train for `options.minutes`.
+        """Train for `options.minutes`, or `options.steps`.
 
         Args:
             stream: batches: tuples that begin with the images.
@@ -200,22 +200,26 @@ class TrainingRun:
         Raises:
             SessionError: training diverged; the last checkpoint stays.
         """
-        budget, start = self.options.minutes * 60, time.monotonic()
+        steps, start = self.options.steps, time.monotonic()
+        budget = self.options.minutes * 60 if steps is None else float(steps)
         earlier_seconds, first = self.state["seconds"], self.state["step"]
         rate, losses, saved_at = Throughput(self.state["images"]), [], start
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
         with Progress(*columns, transient=True) as progress:
             bar = progress.add_task("training", total=budget)
             try:
-                while (elapsed := time.monotonic() - start) < budget:
-                    step = self.state["step"] - first
-                    self.optimiser.set_rate(learning_rate(self.options.rate, step, elapsed, budget, self.options.decay))
+                while True:
+                    step, elapsed = self.state["step"] - first, time.monotonic() - start
+                    spent = elapsed if steps is None else step
+                    if spent >= budget:
+                        break
+                    self.optimiser.set_rate(learning_rate(self.options.rate, step, spent, budget, self.options.decay))
                     batch = tuple(t.to(device(), non_blocking=True) for t in next(stream))
                     losses.append(self._step(batch, loss_of, worker))
                     self.state["images"] += len(batch[0])
                     self.state["seconds"] = earlier_seconds + elapsed
                     status = f"{self.state['images']:,} images, loss {losses[-1]:.2f}"
-                    progress.update(bar, completed=elapsed, description=status)
+                    progress.update(bar, completed=spent, description=status)
                     if time.monotonic() - saved_at > _SAVE_EVERY_S:
                         self._save(losses, rate)
                         losses, saved_at = [], time.monotonic()

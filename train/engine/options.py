@@ -25,6 +25,8 @@ class Training:
             training starts once eight exist, while the rest are still being rendered. 0: make none.
         out: folder of checkpoints, logs and the finished ONNX file; an earlier run there is resumed.
         minutes: wall-clock time of this call's training, not counting the first renders and the backgrounds.
+        steps: number of this call's steps, in place of `minutes`: then nothing depends on the time, and equal seeds and
+            options give equal weights on a CPU. Renders are all made first.
         batch: images per step.
         rate: peak learning rate.
         muon: train convolution filters with Muon; otherwise AdamW trains everything, which takes a tenth less time and
@@ -43,6 +45,7 @@ class Training:
     shards: int = 60
     out: pathlib.Path = pathlib.Path("runs/keypoints")
     minutes: float = 60.0
+    steps: int | None = None
     batch: int = 64
     rate: float = 2e-3
     muon: bool = True
@@ -62,7 +65,19 @@ class Training:
         for name in ("minutes", "rate"):
             if not getattr(self, name) > 0:
                 raise SessionError(f"--{name} {getattr(self, name):g}: must be above 0")
-        for name, least in (("batch", 1), ("threads", 1), ("workers", 0), ("backgrounds", 1), ("shards", 0)):
+        for name, least in (
+            ("steps", 1),
+            ("batch", 1),
+            ("threads", 1),
+            ("workers", 0),
+            ("backgrounds", 1),
+            ("shards", 0),
+        ):
             if (value := getattr(self, name)) is not None and value < least:
                 raise SessionError(f"--{name} {value}: must be at least {least}")
         check_output_folder(self.out)
+
+    @property
+    def worthwhile_minutes(self) -> float:
+        """How long the training takes, to decide what pays: a step is taken to last half a second."""
+        return self.minutes if self.steps is None else self.steps / 120

@@ -52,6 +52,8 @@ def training_data(options: Training) -> Iterator[pathlib.Path]:
         if renders.making:
             background_pool(options)  # takes some minutes, in which the first renders are made
         renders.wait_for(HELD_OUT.stop + _FIRST_SHARDS)
+        if options.steps is not None:  # what is trained on must not depend on when it is made
+            renders.wait_for(options.shards)
         _check_renders(options)
         yield background_pool(options)
 

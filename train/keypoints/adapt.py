@@ -138,10 +138,11 @@ def train_on_footage(
     student = to_training_device(copy.deepcopy(net)).eval()  # normalisation layers stay fixed: they are only a bias
     sampler = _Sampler(view, _visibility(net, view), options.seed)
     optimiser = torch.optim.AdamW(student.parameters(), options.rate, weight_decay=0.0)
-    average, step, start, budget = AveragedWeights(student, _AVERAGE_DECAY), 0, time.monotonic(), 60 * options.minutes
-    while (elapsed := time.monotonic() - start) < budget:
+    average, step, start = AveragedWeights(student, _AVERAGE_DECAY), 0, time.monotonic()
+    budget = 60 * options.minutes if options.steps is None else float(options.steps)
+    while (spent := time.monotonic() - start if options.steps is None else step) < budget:
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate(options.rate, 6 * step, elapsed, budget, 0.5)
+            group["lr"] = learning_rate(options.rate, 6 * step, spent, budget, 0.5)
         optimiser.zero_grad(set_to_none=True)
         loss = _loss(student, *(t.to(device()) for t in sampler.batch(options.batch)))
         loss.backward()  # type: ignore[no-untyped-call]
@@ -149,7 +150,7 @@ def train_on_footage(
         optimiser.step()
         average.update(student, step)
         step += 1
-        report(min(1.0, elapsed / budget))
+        report(min(1.0, spent / budget))
     out = copy.deepcopy(net)
     out.load_state_dict(average.state)
     return out.eval(), step * options.batch

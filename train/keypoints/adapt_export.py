@@ -72,7 +72,8 @@ def adapt(options: Adaptation, command: str) -> str:
             f"({_change(before, after)}): use it unadapted, or allow more --minutes"
         )
     _write(student, view, card, options, {
-        "command": command, "images": images, "minutes": options.minutes, "crops": int((~labels.held_out).sum()),
+        "command": command, "images": images, "minutes": options.minutes, "steps": options.steps,
+        "crops": int((~labels.held_out).sum()),
         "held_out_crops": int(labels.held_out.sum()), "before": asdict(before), "after": asdict(after),
         **labels.facts,
     })  # fmt: skip

@@ -13,6 +13,7 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import DecodedHeatmaps
 from muybridge.models.keypoints.metadata import BODY_OUTPUTS, KeypointModelCard, keypoint_card
 from muybridge.models.keypoints.test_time import augment_at_test_time, mean_of_mirrored
+from muybridge.models.metadata_reader import metadata_of
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import WHOLE, Batch, Compositor
@@ -35,7 +36,7 @@ def load_model(path: pathlib.Path) -> tuple[onnxruntime.InferenceSession, Keypoi
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions share no base class but Exception
         raise ModelError(f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]})") from error
-    return session, keypoint_card(session.get_modelmeta().custom_metadata_map, path)
+    return session, keypoint_card(metadata_of(session, path), path)
 
 
 def read_crops(

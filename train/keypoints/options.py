@@ -45,16 +45,18 @@ class Adaptation:
         out: folder of the finished ONNX files.
         model: fp32 network to start from; default the shipped one.
         minutes: wall-clock time.
+        steps: number of steps, in place of `minutes`.
         batch: images per step.
         rate: peak learning rate; it rises over the first steps and falls over the second half of the time.
         threads: torch threads; default all processors.
-        seed: random seed; results still vary because the number of steps depends on the time.
+        seed: random seed; results still vary where the number of steps depends on the time.
     """
 
     footage: pathlib.Path
     out: pathlib.Path
     model: pathlib.Path | None = None
     minutes: float = 2.0
+    steps: int | None = None
     batch: int = 32
     rate: float = 3e-4
     threads: int | None = None

@@ -217,22 +217,23 @@ def _network_from_file(model: pathlib.Path) -> KeypointNet:
 
 def _second_process(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
     """The second process if it is requested and worthwhile."""
-    if options.second and is_worthwhile(options.batch, options.threads, options.minutes):
-        return GradientWorker(net, losses_of, options.minutes, options.threads)
+    if options.second and is_worthwhile(options.batch, options.threads, options.worthwhile_minutes):
+        return GradientWorker(net, losses_of, options.worthwhile_minutes, options.threads)
     return nullcontext()
 
 
 def _with_echoes(
     stream: Iterator[loop.Batch], options: KeypointTraining
 ) -> AbstractContextManager[Iterator[loop.Batch]]:
-    """The batches and, where a GPU would wait for new ones, old ones in between."""
-    if loop.device().type == "cuda" and options.echo > 1:
+    """The batches and, where a GPU would wait for new ones, old ones in between, unless the training must not depend on
+    time."""
+    if loop.device().type == "cuda" and options.echo > 1 and options.steps is None:
         return closing(Echo(stream, loop.device(), options.echo, options.seed))
     return nullcontext(stream)
 
 
 def train(options: KeypointTraining) -> pathlib.Path:
-    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one.
+    """Train for `options.minutes` or `steps` from the last checkpoint in `options.out`; return the path of the new one.
 
     Raises:
         ModelError: the options or the network to start from cannot be used.
@@ -254,7 +255,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
         store = zlib.crc32(str(options.renders.resolve()).encode())
         difficulty = Difficulty(options.out / f"difficulty-{store:08x}.npy")
         crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
-        loss = Loss(difficulty, compile_for_training(losses_of, options.minutes))
+        loss = Loss(difficulty, compile_for_training(losses_of, options.worthwhile_minutes))
         with (
             _second_process(net, options) as worker,
             _with_echoes(dataset.batches(options, crops, run.state["step"]), options) as stream,

@@ -81,7 +81,7 @@ def _stream(options: LabelTraining, start: int) -> Iterator[loop.Batch]:
 
 
 def train(options: LabelTraining) -> pathlib.Path:
-    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one."""
+    """Train for `options.minutes` or `steps` from the last checkpoint in `options.out`; return the new one's path."""
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
     if not len(load_marker_clips(options.clips, range(HELD_OUT.stop, 100_000)).points):

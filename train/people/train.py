@@ -153,7 +153,7 @@ def held_out_scenes(renders: pathlib.Path, pool: pathlib.Path) -> list[SceneBatc
 
 
 def train(options: PeopleTraining) -> pathlib.Path:
-    """Train for `options.minutes` from the last checkpoint in `options.out`; return the path of the new one."""
+    """Train for `options.minutes` or `steps` from the last checkpoint in `options.out`; return the new one's path."""
     model = None if loop.resumes(options) else options.model
     start = None if model is None else people_net_from_onnx(model)  # before anything that takes minutes
     with dataset.training_data(options) as pool:
@@ -164,5 +164,5 @@ def train(options: PeopleTraining) -> pathlib.Path:
         history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
         run = loop.TrainingRun(options, net, lambda net: evaluate(net, validation), history)
         scenes = dataset.batches(options, _Scenes(pool, options.batch), run.state["step"], on_cpu=2)
-        run.run(scenes, compile_for_training(loss_of, options.minutes))
+        run.run(scenes, compile_for_training(loss_of, options.worthwhile_minutes))
     return run.checkpoint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +18,7 @@ _FAMILIES = ("DICT_4X4_250", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DI
              "DICT_APRILTAG_16H5", "DICT_APRILTAG_25H9", "DICT_APRILTAG_36H11")  # fmt: skip
 _SMALLER = (50, 100, 250)
 _SURE_CORNERS = 6
-_CLOSELY = 4
+_CLOSELY, _FIRSTS = 4, 8
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class Board:
         dictionary: OpenCV's name of the markers' dictionary, e.g. "DICT_4X4_50".
         inverted: printed white on black.
         legacy: ChArUco pattern of OpenCV before 4.6 (differs where `rows` is even).
+        first_marker: number of the first marker (ChArUco); a set of boards has consecutive numbers.
+        thickness: of a ChArUco board whose back has the mirrored print, metres, so that each corner lies behind that of
+            the front; None for a board with one face.
     """
 
     kind: str
@@ -43,29 +47,53 @@ class Board:
     dictionary: str = "DICT_4X4_50"
     inverted: bool = False
     legacy: bool = False
+    first_marker: int = 0
+    thickness: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("charuco", "checkerboard"):
             raise ValueError(f"board kind must be charuco or checkerboard, not {self.kind!r}")
         if min(self.columns, self.rows) < 2 or not self.square > 0 or not 0 < self.marker_share < 1:
             raise ValueError("a board has at least 2 x 2, squares of positive size (metres), smaller markers")
+        if self.first_marker < 0 or (self.thickness is not None and not 0 <= self.thickness < 1):
+            raise ValueError("the first marker's number is 0 or more, a board's thickness 0 to 1 m")
         known = self.dictionary.startswith("DICT_") and isinstance(getattr(cv2.aruco, self.dictionary, None), int)
         if self.kind == "charuco" and not known:
             raise ValueError(f"OpenCV has no marker dictionary {self.dictionary!r}; try DICT_4X4_50")
 
     @property
     def corners(self) -> FloatArray:
-        """(K, 3) inner corners, metres, row by row, z = 0."""
+        """(K, 3) inner corners, metres, row by row, z = 0; of a board with two faces those of its back after them."""
         less = 1 if self.kind == "charuco" else 0
         x, y = np.meshgrid(np.arange(self.columns - less), np.arange(self.rows - less))
         corners = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64)
-        return np.asarray(corners * self.square)
+        front = np.asarray(corners * self.square)
+        return front if self.thickness is None else np.concatenate([front, front + [0.0, 0.0, self.thickness]])
+
+    @property
+    def markers(self) -> range:
+        """The numbers of a ChArUco board's markers."""
+        return range(self.first_marker, self.first_marker + self.columns * self.rows // 2)
+
+    def charuco(self) -> Any:
+        """OpenCV's board with a square of side 1 times `square`."""
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        size, marker = (self.columns, self.rows), self.square * self.marker_share
+        made = cv2.aruco.CharucoBoard(size, self.square, marker, dictionary, np.array(self.markers, dtype=np.int32))
+        made.setLegacyPattern(self.legacy)
+        return made
 
     def describe(self) -> str:
         """Description for messages."""
         extra = f", {self.dictionary}" if self.kind == "charuco" else ""
-        words = [w for w, on in (("inverted", self.inverted), ("legacy pattern", self.legacy)) if on]
+        words = [w for w, on in self._traits() if on]
         return f"{self.kind} {self.columns} x {self.rows}{extra}" + "".join(f", {w}" for w in words)
+
+    def _traits(self) -> tuple[tuple[str, bool], ...]:
+        return (
+            ("inverted", self.inverted), ("legacy pattern", self.legacy),
+            (f"markers from {self.first_marker}", self.first_marker > 0), ("two faces", self.thickness is not None),
+        )  # fmt: skip
 
 
 class BoardDetector:
@@ -75,22 +103,28 @@ class BoardDetector:
         self.board = board
         self._charuco: Any = None
         if board.kind == "charuco":
-            dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-            size = (board.columns, board.rows)
-            made = cv2.aruco.CharucoBoard(size, board.square, board.square * board.marker_share, dictionary)
-            made.setLegacyPattern(board.legacy)
-            self._charuco = cv2.aruco.CharucoDetector(made)
+            self._charuco = cv2.aruco.CharucoDetector(board.charuco())
 
     def detect(self, gray: ByteArray) -> tuple[IntArray, FloatArray]:
         """(n,) indices of the visible corners and (n, 2) px; empty where there is no board."""
         image = 255 - gray if self.board.inverted else gray
         if self._charuco is not None:
-            px, ids = self._charuco.detectBoard(image)[:2]
-            if ids is None or len(ids) == 0:
-                return np.zeros(0, np.int64), np.zeros((0, 2))
-            return ids.reshape(-1).astype(np.int64), px.reshape(-1, 2).astype(float)
+            ids, px = self._corners(image)
+            if self.board.thickness is not None and len(ids) < _SURE_CORNERS:
+                back, there = self._corners(np.ascontiguousarray(image[:, ::-1]))
+                if len(back) > len(ids):
+                    there[:, 0] = image.shape[1] - 1 - there[:, 0]
+                    return back + len(self.board.corners) // 2, there
+            return ids, px
         px = find_checkerboard(image, self.board.columns, self.board.rows)
         return (np.arange(len(px)) if len(px) else np.zeros(0, np.int64)), px
+
+    def _corners(self, image: ByteArray) -> tuple[IntArray, FloatArray]:
+        """Corners of a ChArUco board."""
+        px, ids = self._charuco.detectBoard(image)[:2]
+        if ids is None or len(ids) == 0:
+            return np.zeros(0, np.int64), np.zeros((0, 2))
+        return ids.reshape(-1).astype(np.int64), px.reshape(-1, 2).astype(float)
 
 
 def find_checkerboard(gray: ByteArray, columns: int, rows: int) -> FloatArray:
@@ -138,7 +172,7 @@ def fitting_descriptions(board: Board, images: list[ByteArray]) -> list[str]:
     """
     images = _telling(images)
     tried = _charuco_variants(board, images) if board.kind == "charuco" else []
-    if not tried:
+    if not tried and (board.kind == "checkerboard" or seen_markers(board, images) is None):
         tried += [(v, False) for v in _checkerboards(board, images)]
     if board.kind == "checkerboard" and not tried:
         tried += _charuco_variants(Board("charuco", board.columns + 1, board.rows + 1, board.square), images)
@@ -181,6 +215,20 @@ def _count_corners(board: Board, images: list[ByteArray]) -> int:
     return total
 
 
+def seen_markers(board: Board, images: list[ByteArray]) -> range | None:
+    """The numbers, from lowest to highest, of the markers of the board's family in pictures; None if there are none."""
+    family = board.dictionary.rsplit("_", 1)[0]
+    name = next((f for f in _FAMILIES if f.rsplit("_", 1)[0] == family), board.dictionary)
+    ids = _often(_markers(name, [_reduce(255 - i if board.inverted else i)[0] for i in images]))
+    return range(min(ids), max(ids) + 1) if len(ids) > 1 else None
+
+
+def _often(ids: list[int]) -> list[int]:
+    """Numbers without those that are seen much more rarely than others, which are false detections."""
+    counts = Counter(ids)
+    return [i for i, n in counts.items() if n >= 0.3 * max(counts.values())]
+
+
 def _charuco_variants(board: Board, images: list[ByteArray]) -> list[tuple[Board, bool]]:
     """ChArUco boards whose markers are in the images, and whether these are mirrored."""
     polarities = (board.inverted, not board.inverted)
@@ -190,7 +238,7 @@ def _charuco_variants(board: Board, images: list[ByteArray]) -> list[tuple[Board
         ids, name = max(((_markers(name, shown), name) for name in _FAMILIES), key=lambda c: len(c[0]))
         if len(ids) < 2:
             continue
-        found = _layouts(board, name, inverted, int(max(ids)) + 1)
+        found = _layouts(board, name, inverted, int(max(ids)) + 1) + _numbered(board, name, inverted, _often(ids))
         full = [np.ascontiguousarray(i[:, ::-1]) for i in images] if mirrored else images
         if any(_count_corners(v, full) >= _SURE_CORNERS for v in found):  # not only false detections of markers
             return [(v, mirrored) for v in found]
@@ -215,6 +263,14 @@ def _layouts(board: Board, family: str, inverted: bool, markers: int) -> list[Bo
     kept = replace(board, dictionary=name, inverted=inverted)
     out = [replace(kept, columns=c, rows=r) for c, r in sorted(sizes) if c * r // 2 >= markers]
     return out + [replace(b, legacy=not b.legacy) for b in out if b.rows % 2 == 0]
+
+
+def _numbered(board: Board, family: str, inverted: bool, ids: list[int]) -> list[Board]:
+    """The described board with other numbers of its markers, such that it has all that were seen."""
+    if not ids or board.dictionary.rsplit("_", 1)[0] != family.rsplit("_", 1)[0]:
+        return []
+    firsts = range(max(0, max(ids) - len(board.markers) + 1), min(ids) + 1)
+    return [replace(board, inverted=inverted, first_marker=f) for f in firsts if f != board.first_marker][-_FIRSTS:]
 
 
 def _checkerboards(board: Board, images: list[ByteArray]) -> list[Board]:

@@ -185,7 +185,8 @@ def adjust_lens(camera: Camera, board: Board, views: Sequence[View]) -> tuple[Ad
 
 
 def _pinhole_start(name: str, board: Board, views: Sequence[View], size: tuple[int, int]) -> Camera:
-    objects = [board.corners[ids].astype(np.float32).reshape(-1, 1, 3) for ids, _ in views]
+    flat = board.corners * [1.0, 1.0, 0.0]  # each view is of one face
+    objects = [flat[ids].astype(np.float32).reshape(-1, 1, 3) for ids, _ in views]
     images = [px.astype(np.float32).reshape(-1, 1, 2) for _, px in views]
     flags = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     try:

@@ -32,8 +32,7 @@ def board_rectangles(board: Board) -> tuple[FloatArray, tuple[float, float]]:
         black = [(c * s, r * s, s, s) for r in range(rows) for c in range(columns) if (r + c) % 2 == 0]
         return np.array(black), (columns * s, rows * s)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    made = cv2.aruco.CharucoBoard((columns, rows), s, s * board.marker_share, dictionary)
-    made.setLegacyPattern(board.legacy)
+    made = board.charuco()
     white = set()
     cells = dictionary.markerSize + 2
     for corners, number in zip(made.getObjPoints(), np.ravel(made.getIds()), strict=True):

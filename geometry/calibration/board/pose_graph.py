@@ -18,12 +18,16 @@ from muybridge.geometry.calibration.board.board import Board
 from muybridge.geometry.numerics.rotations import kabsch, log_so3
 
 _MOST_SHARED = 60
-_AGREE_RAD, _AGREE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.2
+_AGREE_RAD, _AGREE_SHARE, _SURE_SHARE, _MIRRORED_RAD = 0.5, 0.5, 0.7, 0.2
 _AMBIGUOUS = 0.7
 _MIRRORED = "its pictures are mirrored: they fit when flipped left to right; turn mirroring off in the camera"
+_BACK = (
+    "its views agree if it sees the board's back, with a second print whose markers have the same numbers; cover one "
+    "side, or print a board with other numbers on it and calibrate with one of the two"
+)
 _UNPAIRED = (
-    "check that the pictures of all cameras belong to the same moments (timestamps.csv, numbers of the images), "
-    "and that no camera was moved"
+    "check that the images of all cameras belong to the same moments (sync.toml, timestamps.csv, numbers of the "
+    "images), and that no camera was moved"
 )
 
 
@@ -136,7 +140,7 @@ def _relative(
     if len(new) >= 3 and agree < _AGREE_SHARE:
         raise CalibrationError(
             f"camera {name}: where it stands comes out differently from view to view ({agree:.0%} of {len(new)} shared "
-            f"views agree); {_MIRRORED if _is_mirrored(new, boards) else _UNPAIRED}"
+            f"views agree); {_explained(new, boards, turns, size)}"
         )
     if len(turns) > 1:
         other = apart[best] > 0.5
@@ -151,6 +155,30 @@ def _relative(
                     "views, or use a ChArUco board"
                 )
     return np.asarray(flat[best])
+
+
+def _explained(
+    new: Sequence[FloatArray], boards: Sequence[FloatArray], turns: Sequence[FloatArray], size: float
+) -> str:
+    """Why a camera's views may contradict those of the others."""
+    if len(turns) > 1:
+        return _MIRRORED if _is_mirrored(new, boards) else _UNPAIRED
+    # Markers that are read are not mirrored; but a print on the back has the same numbers.
+    for axis in (0, 1):
+        flip = np.diag([-1.0, -1.0, -1.0, 1.0])
+        flip[axis, axis] = 1.0
+        spots = [n @ flip @ np.linalg.inv(w) for n, w in zip(new, boards, strict=True)]
+        front = [n @ np.linalg.inv(w) for n, w in zip(new, boards, strict=True)]  # it may see both sides in turn
+        away = [
+            [
+                min(np.linalg.norm(log_so3(a[:3, :3] @ s[:3, :3].T)) for s in sides)
+                for sides in zip(spots, front, strict=True)
+            ]
+            for a in spots
+        ]
+        if (np.array(away) < _AGREE_RAD).mean(axis=1).max() >= _SURE_SHARE:
+            return _BACK
+    return _UNPAIRED
 
 
 def _is_mirrored(new: Sequence[FloatArray], boards: Sequence[FloatArray]) -> bool:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.geometry.calibration.bundle_adjustment.moment_covariance import moment_covariance
 from muybridge.geometry.calibration.bundle_adjustment.problem import AdjustProblem, AdjustResult, FreeCamera, LensPrior
 from muybridge.geometry.calibration.bundle_adjustment.reprojection import Linearised, ReprojectionSystem, State
 from muybridge.geometry.calibration.bundle_adjustment.solver import Damping, minimise, reduce
@@ -52,6 +53,9 @@ def _result(system: ReprojectionSystem, state: State, done: int) -> AdjustResult
     noise = float(np.sqrt(squares / (max(degrees, 0.0) + _GIVEN_DEGREES)))
     linearised = system.linearised(state)
     covariance = noise**2 * _covariance(system, state, linearised)
+    if system.is_body.all() and system.free.any():
+        free = np.ix_(system.free, system.free)
+        covariance[free] = moment_covariance(system, state, covariance[free])
     variance = np.maximum(np.diag(covariance), 0.0)
     variance_of = np.ones_like(state.swayed)
     for v in linearised.swayed:

@@ -11,6 +11,8 @@ right change makes all of them agree. The best explanation is applied, and the s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from muybridge.arrays import FloatArray
@@ -22,9 +24,10 @@ from muybridge.geometry.calibration.diagnosis.findings import (
     Kind,
 )
 from muybridge.geometry.calibration.diagnosis.setup import Setup, Take, leave_one_out_points, take_of
-from muybridge.geometry.calibration.diagnosis.trials import Trial, fault_sizes, is_significant, search_trials
+from muybridge.geometry.calibration.diagnosis.trials import Trial, Trials, fault_size, is_significant, search_trials
 from muybridge.geometry.calibration.diagnosis.wording import (
     TOO_MANY,
+    doubt_sentence,
     focal_sentence,
     pose_sentence,
     rivals_sentence,
@@ -62,31 +65,31 @@ def diagnose(
     table, probability = np.zeros((count, len(KINDS))), np.zeros(count)
     if take is None:
         return CalibrationDiagnosis(
-            cameras.names, (), probability, table, tuple(range(count)), np.nan, np.nan, cameras,
-            np.zeros(count), setup.files, note,
+            cameras.names, (), probability, table, setup.files, np.nan, np.nan, cameras, np.zeros(count), setup.files,
+            note,
         )  # fmt: skip
     person_px = np.array([_person_px(px) for px in take.px])
     faults: list[Fault] = []
-    too_many = False
+    too_many, doubt = False, ""
     first_noise = last_noise = np.nan
     for step in range(options.max_faults + 1):
-        last_noise, trials = search_trials(take, setup, options)
-        credible = [t for t in trials if is_significant(t, last_noise, person_px[setup.files[t.cameras[0]]], options)]
+        found = search_trials(take, setup, options)
+        last_noise = found.noise
+        credible = _credible(found, person_px[list(setup.files)], options)
         if step == 0:
-            first_noise, table = last_noise, _table(trials, count)
+            first_noise, table = last_noise, _table(found.trials, count)
             probability = _fault_probability(credible, count)
         best = max(credible, key=lambda t: t.gain, default=None)
-        least = options.min_evidence_more if faults else options.min_evidence
-        if best is None or best.gain < least:
+        if best is None or best.gain < (options.min_evidence_more if faults else options.min_evidence):
             faults += _find_unrelated(take, setup, faults, options)
-            break
-        if step == options.max_faults:
+            doubt = "" if faults else _doubt(found, person_px[list(setup.files)], take, setup, options)
             break
         blamed = {n for f in faults for n in f.cameras} | {cameras.names[c] for c in best.cameras}
-        if faults and len(blamed) > count // 2:
-            note, too_many = TOO_MANY, True
+        too_many = bool(faults) and step < options.max_faults and len(blamed) > count // 2
+        if too_many or step == options.max_faults:
+            note = TOO_MANY if too_many else note
             break
-        faults.append(_fault(best, credible, cameras.names))
+        faults.append(_fault(best, found.trials, cameras.names, options))
         setup = best.setup
     faults = _merge_unrelated(faults, cameras.names, options)
     for fault in faults:
@@ -94,8 +97,27 @@ def diagnose(
     order = sorted(range(count), key=lambda c: (-probability[c], -table[c].max()))
     return CalibrationDiagnosis(
         cameras.names, tuple(faults), probability, table, tuple(order), first_noise, last_noise,
-        setup.cameras, np.array(setup.shifts), setup.files, note, too_many,
+        setup.cameras, np.array(setup.shifts), setup.files, note, too_many, doubt,
     )  # fmt: skip
+
+
+def _credible(found: Trials, person_px: FloatArray, options: DiagnosisOptions) -> list[Trial]:
+    """The explanations that are proven; none where even the best is weak and a change of another camera gains as much.
+
+    Args:
+        found: all explanations.
+        person_px: (C,) size of the person in each camera's image.
+        options: what counts as a fault.
+    """
+    credible = [t for t in found.trials if is_significant(t, found, person_px[t.cameras[0]], options)]
+    best = max(credible, key=lambda t: t.gain, default=None)
+    if best is None:
+        return []
+    small = 3 * max(options.min_effect * found.noise, options.min_effect_of_person * person_px[best.cameras[0]])
+    if best.gain >= options.min_evidence_more and best.effect_px >= small:
+        return credible
+    others = [t.gain for t in found.trials if t not in credible and t.kind != "swapped" and t.cameras != best.cameras]
+    return credible if best.gain >= max(others, default=0.0) + options.min_evidence else []
 
 
 def _person_px(points_px: FloatArray) -> float:
@@ -104,7 +126,7 @@ def _person_px(points_px: FloatArray) -> float:
     return float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
 
 
-def _table(trials: list[Trial], count: int) -> FloatArray:
+def _table(trials: Sequence[Trial], count: int) -> FloatArray:
     """(C, len(KINDS)) highest gain of each explanation for each camera, at least 0."""
     table = np.zeros((count, len(KINDS)))
     for trial in trials:
@@ -124,33 +146,50 @@ def _fault_probability(trials: list[Trial], count: int) -> FloatArray:
     return np.asarray(np.minimum(out / weight.sum(), 1.0))
 
 
-def _fault(best: Trial, trials: list[Trial], names: tuple[str, ...]) -> Fault:
+def _fault(best: Trial, trials: Sequence[Trial], names: tuple[str, ...], options: DiagnosisOptions) -> Fault:
     """The fault that the best trial describes, with the explanations that are about as good."""
-    close = [t for t in trials if t is not best and best.gain - t.gain < max(3.0, 0.03 * best.gain)]
+    margin = max(options.min_evidence, 0.03 * best.gain)
+    close = [t for t in trials if t is not best and best.gain - t.gain < margin and t.score >= options.min_score]
     also = tuple(t.kind for t in close if set(t.cameras) & set(best.cameras) and t.kind != best.kind)
     rivals = sorted({names[c] for t in close for c in t.cameras if c not in best.cameras})
-    turn, move, focal = fault_sizes(best)
-    amount = {"turned": turn, "moved": move, "focal": focal, "shifted": best.shift, "swapped": 0.0}[best.kind]
+    size = fault_size(best)
+    amount, sd = {
+        "turned": (size.turn, size.turn_sd), "moved": (size.move, size.move_sd), "focal": (size.focal, size.focal_sd),
+        "shifted": (best.shift, best.shift_sd), "swapped": (0.0, 0.0),
+    }[best.kind]  # fmt: skip
     blamed = tuple(names[c] for c in best.cameras)
     sentence = _sentence(best, blamed, also)
     if rivals:
-        sentence += " " + rivals_sentence(rivals)
-    return Fault(best.kind, blamed, amount, turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
+        sentence = f"{rivals_sentence(' and '.join(blamed), rivals)} {sentence}"
+    return Fault(best.kind, blamed, amount, sd, size.turn, best.effect_px, best.gain, also, tuple(rivals), sentence)
 
 
 def _sentence(trial: Trial, names: tuple[str, ...], also: tuple[Kind, ...]) -> str:
-    turn, move, focal = fault_sizes(trial)
+    size = fault_size(trial)
     if trial.kind == "swapped":
         return swap_sentence(names, [trial.setup.cameras.names[trial.setup.files[c]] for c in trial.cameras])
     if trial.kind == "shifted":
-        return shift_sentence(names[0], trial.shift, trial.effect_px)
+        return shift_sentence(names[0], trial.shift, trial.shift_sd, trial.effect_px)
     if trial.kind == "focal":
-        return focal_sentence(names[0], focal, trial.effect_px, also)
-    return pose_sentence(names[0], trial.kind, turn, move, trial.effect_px, also)
+        return focal_sentence(names[0], size.focal, size.focal_sd, trial.effect_px, also)
+    move = (size.move, size.move_sd) if trial.kind == "moved" else None
+    return pose_sentence(names[0], (size.turn, size.turn_sd), move, trial.effect_px, also)
+
+
+def _doubt(found: Trials, person_px: FloatArray, take: Take, setup: Setup, options: DiagnosisOptions) -> str:
+    """What the take gives signs of without proof; empty where there are none."""
+    signs: dict[int, Trial] = {}
+    for trial in sorted(found.trials, key=lambda t: -t.gain):
+        c = trial.cameras[0]
+        least = max(options.min_effect * found.noise, options.min_effect_of_person * person_px[c])
+        if trial.gain >= 2 * options.min_evidence and trial.score >= 2.0 and trial.effect_px >= least:
+            signs.setdefault(c, trial)
+    named = [(setup.cameras.names[c], trial.kind) for c, trial in list(signs.items())[:2]]
+    return doubt_sentence(named, take.px.shape[1]) if named else ""
 
 
 def _unrelated_fault(name: str, px: float, evidence: float) -> Fault:
-    return Fault("unrelated", (name,), 0.0, 0.0, px, evidence, (), (), unrelated_sentence(name, px))
+    return Fault("unrelated", (name,), 0.0, 0.0, 0.0, px, evidence, (), (), unrelated_sentence(name, px))
 
 
 def _merge_unrelated(faults: list[Fault], names: tuple[str, ...], options: DiagnosisOptions) -> list[Fault]:

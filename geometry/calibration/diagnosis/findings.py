@@ -22,8 +22,11 @@ class DiagnosisOptions:
         max_faults: maximum number of faults reported.
         min_evidence: log-likelihood (nats) that an explanation must gain.
         min_evidence_more: the same for a second and further fault.
-        min_score: minimum mean gain over the landmarks of all cameras, in standard errors of that mean.
-        min_score_shift: the same for a time shift, which by chance pairs every error with different ones.
+        chance: highest probability that any of the explanations tried seems as certain by chance.
+        min_score: minimum mean gain over the landmarks in held-out observations, in standard errors.
+        min_steady: the same over stretches of the take.
+        min_deviations: minimum size of a fault in its own standard deviations.
+        max_spread: maximum deviation of the fault as fitted to a part of the observations, as a share of it.
         min_effect: minimum displacement of the camera's 2D points by the fault, in standard deviations of their noise.
         min_effect_of_person: the same as a share of the person's size in the image. A 2D network whose hip landmarks
             depend on the viewing direction is biased by a similar amount, so smaller displacements prove nothing.
@@ -39,10 +42,13 @@ class DiagnosisOptions:
     max_frames: int = 80
     max_shift: int = 30
     max_faults: int = 3
-    min_evidence: float = 6.0
+    min_evidence: float = 3.0
     min_evidence_more: float = 12.0
-    min_score: float = 2.0
-    min_score_shift: float = 3.0
+    chance: float = 0.0025
+    min_score: float = 1.5
+    min_steady: float = 2.5
+    min_deviations: float = 4.0
+    max_spread: float = 0.6
     min_effect: float = 0.6
     min_effect_of_person: float = 0.01
     min_turn_deg: float = 0.2
@@ -63,6 +69,7 @@ class Fault:
         cameras: name of the camera, or names of all cameras whose files are permuted.
         amount: degrees, metres, frames (positive: the video is late) or relative focal length error; 0 for kinds
             without a size.
+        sd: its standard deviation.
         turn_deg: rotation of a camera that was turned or moved, degrees.
         effect_px: median displacement of the camera's 2D points by the fault.
         evidence: log-likelihood gained over the rig without this correction, nats.
@@ -74,6 +81,7 @@ class Fault:
     kind: Kind
     cameras: tuple[str, ...]
     amount: float
+    sd: float
     turn_deg: float
     effect_px: float
     evidence: float
@@ -99,6 +107,7 @@ class CalibrationDiagnosis:
         files: (C,) index of the camera whose file belongs to this camera.
         note: what could not be determined, and why; empty where everything could.
         too_many: whether the search stopped because more than half of the cameras would be faulty.
+        doubt: signs of faults that this take does not prove; empty where there are none, or where a fault was found.
     """
 
     names: tuple[str, ...]
@@ -113,10 +122,13 @@ class CalibrationDiagnosis:
     files: tuple[int, ...]
     note: str = ""
     too_many: bool = False
+    doubt: str = ""
 
     @property
     def sentence(self) -> str:
         """Summary of all faults, without advice on what to do."""
         if self.faults:
             return " ".join([*(f.sentence for f in self.faults), *([self.note] if self.note else [])])
+        if self.doubt:
+            return self.note or "No camera is proven to be rotated, out of sync, or to have a wrong lens or file."
         return self.note or "All cameras agree: none is rotated, out of sync, or has a wrong lens or file."

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.calibration.diagnosis.evidence import Dependence, clustered_covariance
 from muybridge.geometry.cameras.camera import Camera, colmap_camera
 from muybridge.geometry.numerics.robust import student_cost, student_scale
 from muybridge.geometry.numerics.rotations import exp_so3
@@ -34,14 +35,24 @@ class Correction:
         turn: (3,) rotation vector about the camera's own axes, radians.
         move: (3,) displacement of its centre in world axes, metres.
         focal: factor on the focal lengths.
-        sd: (7,) standard deviations of turn, move and log focal; zero where not fitted.
+        covariance: (7, 7) of turn, move and log focal; zero where not fitted.
     """
 
     camera: Camera
     turn: FloatArray
     move: FloatArray
     focal: float
-    sd: FloatArray
+    covariance: FloatArray
+
+    @property
+    def parameters(self) -> FloatArray:
+        """(7,) turn, move and log focal."""
+        return np.concatenate([self.turn, self.move, [np.log(self.focal)]])
+
+    @property
+    def sd(self) -> FloatArray:
+        """(7,) standard deviations of turn, move and log focal."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def perturb_camera(camera: Camera, parameters: FloatArray) -> Camera:
@@ -62,6 +73,7 @@ def fit_camera(
     sigma: FloatArray,
     free: BoolArray,
     start: Correction | None = None,
+    dependence: Dependence | None = None,
 ) -> Correction | None:
     """Fit a camera's pose or focal length to known points robustly.
 
@@ -72,6 +84,7 @@ def fit_camera(
         sigma: (N,) relative standard deviation.
         free: (7,) which of turn (3), move (3) and log focal are fitted.
         start: initial correction.
+        dependence: how errors of the observations depend on each other; None: they are independent.
 
     Returns:
         The correction, or None with too few points.
@@ -83,14 +96,17 @@ def fit_camera(
         return None
     trial, scale = np.zeros(7), None
     if start is not None:
-        trial = np.concatenate([start.turn, start.move, [np.log(start.focal)]])
-    total = trial
-    chosen = np.flatnonzero(free)
-    information = np.eye(len(chosen))
+        trial = start.parameters
+    total, chosen = trial, np.flatnonzero(free)
+    independent = Dependence((np.arange(len(use)),), np.zeros((0, len(use), 2)))
+    dependence = (dependence or independent).of(use)
+    patterns = dependence.patterns * weight0[:, None]
+    information, scores = np.eye(len(chosen)), np.zeros((len(world), len(chosen)))
+    common = np.zeros((len(patterns), len(chosen)))
     best = np.inf
     for _ in range(_ITERATIONS):
         now = perturb_camera(camera, trial)
-        error, jacobian = _linearise(now, world, px)
+        error, jacobian = _linearise(now, world, px, bool(free[6]))
         error, jacobian = error * weight0[:, None], jacobian[..., chosen] * weight0[:, None, None]
         squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
         scale = student_scale(squares, scale)
@@ -102,28 +118,38 @@ def fit_camera(
         good = np.isfinite(jacobian).all((1, 2)) & (squares < 1e11)
         jw = jacobian[good] * weight[good, None, None]
         information = np.einsum("nai,naj->ij", jw, jacobian[good])
-        gradient = np.einsum("nai,na->i", jw, error[good])
+        scores = np.zeros((len(world), len(chosen)))
+        scores[good] = np.einsum("nai,na->ni", jw, error[good])
+        common = np.einsum("nai,sna->si", jw, patterns[:, good])
         trial = total.copy()
-        trial[chosen] -= np.linalg.solve(information + 1e-9 * np.eye(len(chosen)), gradient)
+        trial[chosen] -= np.linalg.solve(information + 1e-9 * np.eye(len(chosen)), scores.sum(axis=0))
         trial = np.clip(trial, -_FARTHEST, _FARTHEST)
-    sd = np.zeros(7)
-    sd[chosen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0))
-    return Correction(perturb_camera(camera, total), total[:3].copy(), total[3:6].copy(), float(np.exp(total[6])), sd)
+    covariance = clustered_covariance(information, scores, dependence.clusters, common)
+    return _correction(camera, total, chosen, covariance)
 
 
-def _linearise(camera: Camera, world: FloatArray, px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and log focal."""
+def _correction(camera: Camera, parameters: FloatArray, chosen: IntArray, covariance: FloatArray) -> Correction:
+    """The correction of a camera by (7,) parameters, of which the `chosen` have a covariance."""
+    whole = np.zeros((7, 7))
+    whole[np.ix_(chosen, chosen)] = covariance
+    turn, move, focal = parameters[:3].copy(), parameters[3:6].copy(), float(np.exp(parameters[6]))
+    return Correction(perturb_camera(camera, parameters), turn, move, focal, whole)
+
+
+def _linearise(camera: Camera, world: FloatArray, px: FloatArray, zooms: bool) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) projected minus observed, px, and its (N, 2, 7) derivative by turn, move and, if asked for, log focal."""
     lens = camera.posed(np.eye(4)[:3])
     rel = (world - camera.center_world) @ camera.rotation.T
     here = lens.project(rel)
     step = _STEP * np.abs(rel[:, 2])
     by_point = np.stack([lens.project(rel + step[:, None] * axis) - here for axis in np.eye(3)], axis=-1)
     by_point /= step[:, None, None]
-    zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
-    out = np.empty((len(world), 2, 7))
+    out = np.zeros((len(world), 2, 7))
     out[..., :3] = np.cross(rel[:, None], by_point)
     out[..., 3:6] = -by_point @ camera.rotation
-    out[..., 6] = (zoomed.project(rel) - here) / _STEP
+    if zooms:
+        zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
+        out[..., 6] = (zoomed.project(rel) - here) / _STEP
     return here - px, out
 
 
@@ -181,25 +207,3 @@ def frames_per_observation(errors: FloatArray) -> float:
     known = np.nan_to_num(series)
     mean, power = known.sum(axis=1) / count, (known**2).sum(axis=1) / count
     return float(np.clip((count * mean**2).sum() / max(power.sum(), 1e-12), 1.0, errors.shape[1]))
-
-
-def paired_score(before: FloatArray, after: FloatArray) -> float:
-    """Significance of a decrease of errors: the mean gain divided by its standard error.
-
-    Each landmark of each camera counts once, because gains in consecutive frames are dependent (Vuong, "Likelihood
-    ratio tests for model selection and non-nested hypotheses", 1989, with clusters).
-
-    Args:
-        before: (C, K, J, 2) in relative standard deviations; NaN where unknown.
-        after: the same.
-    """
-    costs = []
-    for errors in (before, after):
-        squares = (errors**2).sum(-1)
-        costs.append(student_cost(squares, student_scale(squares[np.isfinite(squares)])))
-    gain = costs[0] - costs[1]
-    count = np.isfinite(gain).sum(axis=1)
-    each = np.nansum(gain, axis=1)[count >= 5] / count[count >= 5]
-    if len(each) < 8:
-        return 0.0
-    return float(each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12))

@@ -15,6 +15,7 @@ from muybridge.geometry.sync.clocks import resample
 from muybridge.geometry.triangulation.multiview import TriangulateOptions, take_noise, triangulate
 
 _BLOCKS = 6  # number of blocks of frames, which belong to the two halves in turn
+_GROUPS = 4  # number of groups of landmarks
 FEWEST_FRAMES = 8
 _MOST_LANDMARKS = 25
 _MOST_POINTS = 1800
@@ -29,6 +30,9 @@ class Setup:
     files: tuple[int, ...]
 
 
+Part = tuple[BoolArray, BoolArray]  # (K,) frames and (J,) landmarks
+
+
 @dataclass
 class Take:
     """The landmarks of a take at selected frames.
@@ -37,7 +41,8 @@ class Take:
         px: (C, T, J, 2) landmarks of every frame, px.
         variance: (C, T, J) px^2.
         frames: (K,) the selected frames.
-        held: (K,) which of the two halves a frame belongs to.
+        folds: parts of the observations, each with frames and landmarks that it does not have and is judged by: those
+            of the other half of the frames, and a quarter of the landmarks.
         noise_px: noise floor of the reprojection errors, px.
         relative: median variance, px^2; relative standard deviations refer to it.
     """
@@ -45,11 +50,16 @@ class Take:
     px: FloatArray
     variance: FloatArray
     frames: FloatArray
-    held: BoolArray
     noise_px: float = 0.0
     relative: float = field(init=False)
+    folds: tuple[tuple[Part, Part], ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        late = (np.arange(len(self.frames)) * _BLOCKS // len(self.frames)) % 2 == 1
+        group = np.arange(self.variance.shape[2]) % _GROUPS
+        self.folds = tuple(
+            ((late == half, group != g), (late != half, group == g)) for half in (False, True) for g in range(_GROUPS)
+        )
         self.relative = float(np.nanmedian(self.variance))
 
     def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[FloatArray, FloatArray]:
@@ -92,8 +102,7 @@ def take_of(
     most = min(len(shared), max_frames, max(40, _MOST_POINTS // variance.shape[2]))
     chosen = np.unique(np.linspace(0, len(shared) - 1, most).round().astype(int))
     frames = shared[chosen].astype(float)
-    held = (np.arange(len(frames)) * _BLOCKS // len(frames)) % 2 == 1
-    take = Take(px, variance, frames, held)
+    take = Take(px, variance, frames)
     # The noise level is that of the subset of cameras that agree best, so that a wrong camera does not raise it.
     near, spread = take.all(Setup(cameras, (0.0,) * len(cameras), tuple(range(len(cameras)))))
     levels = []
@@ -116,11 +125,14 @@ def _select_landmarks(px: FloatArray, variance: FloatArray) -> tuple[FloatArray,
     return px[:, :, chosen], variance[:, :, chosen]
 
 
-def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> FloatArray:
-    """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations."""
+def rig_errors(take: Take, setup: Setup, part: Part | None = None) -> FloatArray:
+    """(C, K, J, 2) reprojection errors of the triangulated rig over relative standard deviations.
+
+    With a part, only of its frames and landmarks.
+    """
     px, variance = take.all(setup)
-    if rows is not None:
-        px, variance = px[:, rows], variance[:, rows]
+    if part is not None:
+        px, variance = px[:, part[0]][:, :, part[1]], variance[:, part[0]][:, :, part[1]]
     found = triangulate(setup.cameras, px, variance, TriangulateOptions(noise_px=take.noise_px))
     error = setup.cameras.project(found.points_world) - px
     seen = np.isfinite(variance)
@@ -131,13 +143,12 @@ def rig_errors(take: Take, setup: Setup, rows: BoolArray | None = None) -> Float
     return np.asarray(error / take.sigma(variance)[..., None])
 
 
-def robust_cost(parts: list[FloatArray]) -> tuple[float, float, FloatArray]:
-    """Mean robust cost, scale in px, and the concatenated errors."""
-    errors = np.concatenate(parts, axis=1)
+def robust_cost(errors: FloatArray) -> tuple[float, float]:
+    """Mean robust cost and scale of (C, K, J, 2) errors."""
     squares = (errors**2).sum(-1)
     known = squares[np.isfinite(squares)]
     scale = student_scale(known)
-    return float(student_cost(known, scale).mean()), scale, errors
+    return float(student_cost(known, scale).mean()), scale
 
 
 def leave_one_out_points(take: Take, setup: Setup, c: int) -> FloatArray:

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.calibration.diagnosis.evidence import (
+    Dependence,
+    dependence_of,
+    gain_scores,
+    least_score,
+    shift_sd,
+    size_score,
+    without_bias,
+)
 from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions, Kind
 from muybridge.geometry.calibration.diagnosis.hypotheses import (
     Correction,
     fit_camera,
     fit_shift,
     frames_per_observation,
-    paired_score,
 )
 from muybridge.geometry.calibration.diagnosis.setup import (
+    Part,
     Setup,
     Take,
     leave_one_out_points,
@@ -30,6 +39,9 @@ from muybridge.geometry.calibration.diagnosis.setup import (
 from muybridge.geometry.numerics.robust import student_scale
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
+# Changes that are less certain are not fitted to parts of the observations.
+_WORTH_A_LOOK = 2.5
+_FEW = 12  # frames
 # Up to this many cameras, all permutations of their files are tried.
 _ALL_ORDERS = 4
 _FREE: dict[Kind, BoolArray] = {
@@ -39,7 +51,7 @@ _FREE: dict[Kind, BoolArray] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """One explanation and its score.
 
@@ -47,124 +59,220 @@ class Trial:
         kind: kind of fault.
         cameras: indices of the cameras that it changes.
         setup: the rig with the change applied.
-        gain: log-likelihood gained over the rig without the change, less the penalty for its parameters, nats.
+        errors: (C, K, J, 2) of the rig, each part of the observations with the change fitted to another part.
         effect_px: median displacement of the camera's 2D points.
+        spread: largest median distance between the 2D points displaced as fitted to one part of the observations and
+            as fitted to all, as a share of `effect_px`.
         correction: the fitted change of pose or focal length.
         shift: delay of the video, frames.
-        score: mean gain over its standard error.
+        shift_sd: its standard deviation.
+        gain: log-likelihood gained over the rig without the change, less the penalty for its parameters, nats.
+        certainty: size of the change in its standard deviations, as a Gaussian deviate; infinite where it has no size.
+        score: mean gain of the landmarks over its standard error; for a time shift, of errors without their biases.
+        steady: the same of stretches of the take.
     """
 
     kind: Kind
     cameras: tuple[int, ...]
     setup: Setup
-    gain: float
+    errors: FloatArray
     effect_px: float
+    spread: float = 0.0
     correction: Correction | None = None
     shift: float = 0.0
+    shift_sd: float = 0.0
+    certainty: float = np.inf
+    gain: float = 0.0
     score: float = 0.0
+    steady: float = 0.0
 
 
-def fault_sizes(trial: Trial) -> tuple[float, float, float]:
-    """Rotation (degrees), translation (metres) and relative focal length error of the fault, not of its correction."""
+@dataclass(frozen=True)
+class Trials:
+    """All explanations for a setup.
+
+    Attributes:
+        trials: the explanations.
+        noise: scale of the setup's own errors, px.
+        tried: number of explanations of each kind that were compared.
+    """
+
+    trials: tuple[Trial, ...]
+    noise: float
+    tried: Mapping[Kind, int]
+
+
+@dataclass(frozen=True)
+class FaultSize:
+    """Sizes of a fault, not of its correction, with standard deviations.
+
+    Attributes:
+        turn, turn_sd: degrees.
+        move, move_sd: metres.
+        focal, focal_sd: relative error of the focal length.
+    """
+
+    turn: float = 0.0
+    turn_sd: float = 0.0
+    move: float = 0.0
+    move_sd: float = 0.0
+    focal: float = 0.0
+    focal_sd: float = 0.0
+
+    def sizes(self, kind: Kind) -> list[tuple[float, float]]:
+        """The sizes that make up a kind of fault, each with its standard deviation."""
+        turn, move, focal = (self.turn, self.turn_sd), (self.move, self.move_sd), (self.focal, self.focal_sd)
+        return {"turned": [turn], "moved": [turn, move], "focal": [focal]}.get(kind, [])
+
+
+def fault_size(trial: Trial) -> FaultSize:
+    """Rotation, translation and relative focal length error of a trial's fault."""
     if trial.correction is None:
-        return 0.0, 0.0, 0.0
+        return FaultSize()
     fix = trial.correction
-    return float(np.degrees(np.linalg.norm(fix.turn))), float(np.linalg.norm(fix.move)), 1 / fix.focal - 1
+    (turn, turn_sd), (move, move_sd) = (
+        _length(vector, fix.covariance[at, at]) for vector, at in ((fix.turn, slice(0, 3)), (fix.move, slice(3, 6)))
+    )
+    return FaultSize(
+        float(np.degrees(turn)), float(np.degrees(turn_sd)), move, move_sd, 1 / fix.focal - 1, float(fix.sd[6])
+    )
 
 
-def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> tuple[float, list[Trial]]:
-    """All explanations for a setup, scored, and the scale of the setup's own errors in px (returned first)."""
-    cost, noise, errors = robust_cost([rig_errors(take, setup)])
-    found: list[tuple[float, FloatArray, Trial]] = []
-    for trial, halves in _trials(take, setup, options):
-        trial_cost, _, trial_errors = robust_cost(halves)
-        found.append((trial_cost, trial_errors, trial))
-    lowest = min(found, key=lambda f: f[0], default=(cost, errors, None))
-    best_errors = lowest[1] if lowest[0] < cost else errors
+def _length(vector: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Length of a (3,) vector, and its standard deviation along itself."""
+    length = float(np.linalg.norm(vector))
+    along = vector / max(length, 1e-12)
+    return length, float(np.sqrt(max(along @ covariance @ along, 0.0)))
+
+
+def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Trials:
+    """All explanations for a setup, scored."""
+    errors = rig_errors(take, setup)
+    cost, noise = robust_cost(errors)
+    found = list(_trials(take, setup, options))
+    costs = [robust_cost(trial.errors)[0] for trial in found]
+    best_errors = errors if not costs or min(costs) >= cost else found[int(np.argmin(costs))].errors
     scale = student_scale((best_errors**2).sum(-1)[np.isfinite(best_errors[..., 0])])
     known = np.isfinite(errors[..., 0])
     views = known.sum() / max(known.any(axis=0).sum(), 1)
     # Triangulation fits three parameters per point, which reduces the residuals' degrees of freedom.
     independent = max(float(known.sum() * (1 - 1.5 / views)) / frames_per_observation(best_errors / scale), 2.0)
-    order = np.argsort(np.concatenate([np.flatnonzero(take.held), np.flatnonzero(~take.held)]))
     trials = []
-    for trial_cost, trial_errors, trial in found:
+    for trial, trial_cost in zip(found, costs, strict=True):
         gain = independent * (cost - trial_cost) - 0.5 * _PARAMETERS[trial.kind] * float(np.log(independent))
-        in_order = trial_errors if trial.kind == "swapped" else trial_errors[:, order]
-        trials.append(replace(trial, gain=gain, score=paired_score(errors, in_order)))
-    return noise, trials
+        pair = (errors, trial.errors)
+        if trial.kind == "shifted":
+            pair = (without_bias(errors), without_bias(trial.errors))
+        score, steady = gain_scores(*pair)
+        trials.append(replace(trial, gain=gain, score=score, steady=steady))
+    count = len(setup.cameras)
+    tried = {kind: count for kind in _FREE} | {
+        "shifted": 2 * _most_shift(take, options) * count, "swapped": len(_permutations(count)),
+    }  # fmt: skip
+    return Trials(tuple(trials), noise, tried)
 
 
-def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[tuple[Trial, list[FloatArray]]]:
-    """Every explanation with its errors in the two halves of the frames, each half held out from the fit."""
-    halves = (take.held, ~take.held)
+def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[Trial]:
+    """Every explanation with its errors in each part of the observations, held out from the fit."""
     for c in range(len(setup.cameras)):
         points = leave_one_out_points(take, setup, c)
         for kind, free in _FREE.items():
-            both = _fit(take, setup, c, points, free, np.ones_like(take.held))
-            one, two = (_fit(take, setup, c, points, free, rows, both) for rows in halves)
-            if both is None or one is None or two is None:
-                continue
-            crossed = ((two, halves[0]), (one, halves[1]))
-            errors = [rig_errors(take, with_correction(setup, c, f), rows) for f, rows in crossed]
-            effect = _displacement(setup.cameras[c].project(points), both.camera.project(points))
-            yield Trial(kind, (c,), with_correction(setup, c, both), 0.0, effect, both), errors
-        yield from _shift_trials(take, setup, c, points, options)
+            trial = _pose_trial(take, setup, c, points, kind, free)
+            if trial is not None:
+                yield trial
+        shifted = _shift_trial(take, setup, c, points, _most_shift(take, options))
+        if shifted is not None:
+            yield shifted
+    # Most permutations are clearly worse already in a few frames.
+    few = (np.arange(len(take.frames)) % max(1, len(take.frames) // _FEW) == 0, np.ones(take.variance.shape[2], bool))
+    cost, _ = robust_cost(rig_errors(take, setup, few))
     for order in _permutations(len(setup.cameras)):
         swapped = with_files(setup, order)
+        if robust_cost(rig_errors(take, swapped, few))[0] >= cost:
+            continue
         moved = tuple(c for c, k in enumerate(order) if c != k)
-        yield Trial("swapped", moved, swapped, 0.0, np.inf), [rig_errors(take, swapped)]
+        yield Trial("swapped", moved, swapped, rig_errors(take, swapped), np.inf)
 
 
-def _permutations(count: int) -> Iterator[tuple[int, ...]]:
+def _most_shift(take: Take, options: DiagnosisOptions) -> int:
+    """The largest time shift that is tried, frames."""
+    return int(min(options.max_shift, take.px.shape[1] // 4))
+
+
+def _permutations(count: int) -> list[tuple[int, ...]]:
     """Permutations of the cameras' files except the identity: all for few cameras, else all swaps of two."""
     if count <= _ALL_ORDERS:
-        yield from (order for order in permutations(range(count)) if order != tuple(range(count)))
-        return
-    for a, b in combinations(range(count), 2):
-        yield tuple({a: b, b: a}.get(c, c) for c in range(count))
+        return [order for order in permutations(range(count)) if order != tuple(range(count))]
+    return [tuple({a: b, b: a}.get(c, c) for c in range(count)) for a, b in combinations(range(count), 2)]
 
 
-def _shift_trials(
-    take: Take, setup: Setup, c: int, points: FloatArray, options: DiagnosisOptions
-) -> Iterator[tuple[Trial, list[FloatArray]]]:
+def _held_out_errors(take: Take, setups: list[Setup]) -> FloatArray:
+    """(C, K, J, 2) errors of each part of the observations under the setup that was fitted to its opposite."""
+    count, _, joints = take.variance.shape
+    errors = np.full((count, len(take.frames), joints, 2), np.nan)
+    for (_, judged), setup in zip(take.folds, setups, strict=True):
+        errors[np.ix_(np.arange(count), *judged)] = rig_errors(take, setup, judged)
+    return errors
+
+
+def _pose_trial(take: Take, setup: Setup, c: int, points: FloatArray, kind: Kind, free: BoolArray) -> Trial | None:
+    """One camera turned, moved or zoomed."""
+    camera = setup.cameras[c]
+    px, variance = take.of(setup, c)
+    sigma = take.sigma(variance)
+
+    def fit(part: Part, start: Correction | None, dependence: Dependence | None = None) -> Correction | None:
+        use = np.ix_(*part)
+        arrays = points[use].reshape(-1, 3), px[use].reshape(-1, 2), sigma[use].ravel()
+        return fit_camera(camera, *arrays, free, start, dependence)
+
+    everything = np.ones(len(px), dtype=bool), np.ones(px.shape[1], dtype=bool)
+    both = fit(everything, None, dependence_of(take.frames, px))
+    if both is None:
+        return None
+    before, after = camera.project(points), both.camera.project(points)
+    effect = _displacement(before, after)
+    seen = int(np.isfinite(sigma[np.isfinite(points[..., 0]).any(axis=1)]).any(axis=0).sum())
+    trial = Trial(kind, (c,), with_correction(setup, c, both), np.empty(0), effect, correction=both)
+    certainty = max(size_score(size, sd, seen) for size, sd in fault_size(trial).sizes(kind))
+    if certainty < _WORTH_A_LOOK:
+        return None
+    fits = [one for part, _ in take.folds if (one := fit(part, both)) is not None]
+    if len(fits) < len(take.folds):
+        return None
+    spread = max(_displacement(after, one.camera.project(points)) for one in fits) / max(effect, 1e-9)
+    errors = _held_out_errors(take, [with_correction(setup, c, one) for one in fits])
+    return replace(trial, errors=errors, spread=spread, certainty=certainty)
+
+
+def _shift_trial(take: Take, setup: Setup, c: int, points: FloatArray, most: int) -> Trial | None:
     """The time shift of one camera, in whole frames, where it is not zero."""
     predicted = setup.cameras[c].project(points)
-    most = int(min(options.max_shift, take.px.shape[1] // 4))
-    halves = (take.held, ~take.held)
 
-    def shift_of(rows: BoolArray, most: int, about: float) -> float | None:
-        def observed(shift: float) -> tuple[FloatArray, FloatArray]:
+    def observed(part: Part | None) -> Callable[[float], tuple[FloatArray, FloatArray]]:
+        def at(shift: float) -> tuple[FloatArray, FloatArray]:
             px, variance = take.of(setup, c, setup.shifts[c] + shift)
-            return px[rows], take.sigma(variance[rows])
+            if part is not None:
+                px, variance = px[np.ix_(*part)], variance[np.ix_(*part)]
+            return px, take.sigma(variance)
 
-        return fit_shift(predicted[rows], observed, most, about)
+        return at
 
-    shift = shift_of(np.ones_like(take.held), most, 0.0)
+    shift = fit_shift(predicted, observed(None), most)
     if shift is None or round(shift) == 0:
-        return
-    each = [shift_of(rows, 2, round(shift)) for rows in halves]
-    one, two, both = (with_shift(setup, c, round(shift if s is None else s)) for s in (*each, shift))
-    errors = [rig_errors(take, two, halves[0]), rig_errors(take, one, halves[1])]
-    effect = _displacement(take.of(setup, c)[0], take.of(both, c)[0])
-    yield Trial("shifted", (c,), both, 0.0, effect, shift=shift), errors
-
-
-def _fit(
-    take: Take,
-    setup: Setup,
-    c: int,
-    points: FloatArray,
-    free: BoolArray,
-    rows: BoolArray,
-    start: Correction | None = None,
-) -> Correction | None:
-    """Pose or focal length of camera c, fitted to (K, J, 3) points in the given rows."""
-    px, variance = take.of(setup, c)
-    return fit_camera(
-        setup.cameras[c], points[rows].reshape(-1, 3), px[rows].reshape(-1, 2),
-        take.sigma(variance[rows]).ravel(), free, start,
-    )  # fmt: skip
+        return None
+    each = [fit_shift(predicted[np.ix_(*part)], observed(part), 2, round(shift)) for part, _ in take.folds]
+    setups = [with_shift(setup, c, round(shift if s is None else s)) for s in each]
+    both = with_shift(setup, c, round(shift))
+    px, sigma = observed(None)(round(shift))
+    motion = (observed(None)(round(shift) + 1)[0] - observed(None)(round(shift) - 1)[0]) / 2
+    expected = np.gradient(predicted, take.frames, axis=0)
+    unit = sigma[..., None]
+    sd = shift_sd((px - predicted) / unit, motion / unit, expected / unit, dependence_of(take.frames, px))
+    effect = _displacement(*without_bias(np.stack([take.of(setup, c)[0] - px, 0 * px])))
+    certainty = size_score(shift, sd, sigma.shape[1])
+    errors = _held_out_errors(take, setups)
+    return Trial("shifted", (c,), both, errors, effect, shift=shift, shift_sd=sd, certainty=certainty)
 
 
 def _displacement(before: FloatArray, after: FloatArray) -> float:
@@ -174,18 +282,22 @@ def _displacement(before: FloatArray, after: FloatArray) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def is_significant(trial: Trial, noise_px: float, person_px: float, options: DiagnosisOptions) -> bool:
-    """Whether a change is large enough and certain enough to count as a fault."""
-    least = options.min_score_shift if trial.kind == "shifted" else options.min_score
-    if trial.gain <= 0 or trial.score < least:
-        return False
+def is_significant(trial: Trial, found: Trials, person_px: float, options: DiagnosisOptions) -> bool:
+    """Whether a change is large enough, and known well enough, to count as a fault."""
+    proof = least_score(options.chance, len(_PARAMETERS) * found.tried[trial.kind])
     if trial.kind == "swapped":
-        return True
-    if trial.kind == "shifted":  # errors of 2D networks resemble a rotation or a zoom, but not a delay
-        return abs(trial.shift) >= options.min_shift and trial.effect_px >= 0.25 * options.min_effect * noise_px
-    if trial.effect_px < max(options.min_effect * noise_px, options.min_effect_of_person * person_px):
+        return trial.gain > 0 and trial.score >= proof
+    if trial.gain <= 0 or trial.certainty < proof or trial.steady < options.min_steady:
         return False
-    turn, move, focal = fault_sizes(trial)
+    times, noise = options.min_deviations, found.noise
+    least_px = max(options.min_effect * noise, options.min_effect_of_person * person_px)
+    if trial.kind == "shifted":  # errors of 2D networks resemble a rotation or a zoom, but not a delay
+        least = max(options.min_shift, times * trial.shift_sd)
+        return trial.score >= proof and abs(trial.shift) >= least and trial.effect_px >= 0.25 * least_px
+    if trial.effect_px < least_px or trial.spread > options.max_spread or trial.score < options.min_score:
+        return False
+    size = fault_size(trial)
     if trial.kind == "focal":
-        return abs(focal) >= options.min_focal
-    return turn >= options.min_turn_deg or move >= options.min_move
+        return abs(size.focal) >= max(options.min_focal, times * size.focal_sd)
+    turned = size.turn >= max(options.min_turn_deg, times * size.turn_sd)
+    return turned or (trial.kind == "moved" and size.move >= max(options.min_move, times * size.move_sd))

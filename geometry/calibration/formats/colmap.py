@@ -16,7 +16,13 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.calibration.formats.common import Calibration, Malformed, make_group, pose_from
+from muybridge.geometry.calibration.formats.common import (
+    ARBITRARY_SCALE,
+    Calibration,
+    Malformed,
+    make_group,
+    pose_from,
+)
 from muybridge.geometry.cameras._pycolmap import pycolmap
 from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras.group import CameraGroup
@@ -25,10 +31,6 @@ from muybridge.geometry.numerics.rotations import quat_from_matrix
 _MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")
 _IMAGE_SUFFIXES = frozenset(".jpg .jpeg .png .tif .tiff .bmp .gif .webp .ppm .pgm .exr".split())
-_ARBITRARY = (
-    "COLMAP's scale and axes are arbitrary unless the model was aligned (colmap model_aligner): "
-    "check that it is in metres with Z up"
-)
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def read_colmap(cameras_path: Path, images_path: Path) -> Calibration:
         ]
     except Malformed as error:
         raise Malformed(f"{images_path.name}: {error}") from None
-    return Calibration(make_group(cameras), "COLMAP model", (_ARBITRARY,))
+    return Calibration(make_group(cameras), "COLMAP model", (ARBITRARY_SCALE,))
 
 
 def _camera(name: str, image: _Image, lenses: dict[int, Any]) -> Camera:

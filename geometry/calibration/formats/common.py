@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -45,6 +46,12 @@ def left_out_note(no_pose: Sequence[str]) -> tuple[str, ...]:
     return (f"left out, as they have no pose: {', '.join(no_pose)}",) if no_pose else ()
 
 
+ARBITRARY_SCALE = (
+    "COLMAP's scale and axes are arbitrary unless the model was aligned (colmap model_aligner): "
+    "check that it is in metres with Z up"
+)
+"""A note on rigs from structure from motion."""
+
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 """Metres per unit that a file may state."""
 
@@ -52,6 +59,13 @@ UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 _WIDEST_RIG_M = 100.0
 # Qualisys prints six decimals, hand-typed files have four; a larger deviation from a rotation is an error.
 _ROTATION_TOLERANCE = 5e-3
+# Brackets of a calibration are nested 4 deep at most; parsers that recurse end the process at some ten thousand.
+_DEEPEST, _MOST_BRACKETS, _WIDEST_INDENT = 64, 20_000, 1000
+# What no camera of a room has: sides in px, focal length and offset of the principal point over the longer side, terms
+# of distortion, metres from the origin.
+_SIDES_PX = (2, 100_000)
+_FOCALS = (0.01, 1000.0)
+_FARTHEST_PRINCIPAL, _LARGEST_TERM, _FARTHEST_M = 10.0, 1e6, 1000.0
 # Skew below this share of the focal length is less than a pixel everywhere; lenses have none.
 _SKEW_TOLERANCE = 1e-3
 
@@ -155,6 +169,80 @@ def parse_xml(text: str) -> ET.Element:
         return ET.fromstring(re.sub(r"\A\s*<\?xml[^>]*\?>", "", text))
     except (ET.ParseError, ValueError) as error:
         raise Malformed(f"broken XML, {error}; the file seems damaged or cut off: export it again") from None
+
+
+def check_nesting(text: str) -> None:
+    """Refuse texts whose nesting would overflow the stack of a parser that recurses, as `cv2.FileStorage` does.
+
+    Raises:
+        Malformed: the text is nested too deeply.
+    """
+    # Depth is counted with and without what stands in quotes, so that neither quotes nor brackets in names matter.
+    for body in (text, re.sub(r'"[^"\n]*"|\'[^\'\n]*\'', "", text)):
+        depth = count = 0
+        for bracket in re.finditer(r"[\[{}\]]", body):
+            opens = bracket[0] in "[{"
+            depth, count = max(depth + (1 if opens else -1), 0), count + opens
+            if depth > _DEEPEST or count > _MOST_BRACKETS:
+                raise Malformed("nested too deeply; the file is damaged")
+    if re.search(rf"^ {{{_WIDEST_INDENT}}}|(?:- ){{{_DEEPEST}}}", text, re.M):
+        raise Malformed("nested too deeply; the file is damaged")
+
+
+def parse_json(text: str) -> Any:
+    """Parse a JSON text; raises `Malformed`."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise Malformed("broken JSON: nested too deeply") from None
+    except ValueError as error:
+        raise Malformed(f"broken JSON: {error}") from None
+
+
+def check_plausible(cameras: CameraGroup) -> None:
+    """Refuse values that no camera of a room has; the same for all formats.
+
+    Raises:
+        Malformed: which camera, and what is wrong with it.
+    """
+    for camera in cameras:
+        long_side = max(camera.width, camera.height)
+        low, high = _SIDES_PX
+        if not low <= min(camera.width, camera.height) <= long_side <= high:
+            raise Malformed(
+                f"camera {camera.name}: an image of {camera.width} x {camera.height} px; sides have {low} to {high} px"
+            )
+        matrix = camera.camera_matrix
+        for focal in (matrix[0, 0], matrix[1, 1]):
+            if not _FOCALS[0] * long_side <= focal <= _FOCALS[1] * long_side:
+                raise Malformed(
+                    f"camera {camera.name}: a focal length of {focal:g} px with an image of {camera.width} x "
+                    f"{camera.height} px; no lens has that"
+                )
+        offset = np.abs(matrix[:2, 2] - [camera.width / 2, camera.height / 2]).max()
+        if offset > _FARTHEST_PRINCIPAL * long_side or max(map(abs, camera.params)) > max(
+            _LARGEST_TERM, 2 * _FOCALS[1] * long_side
+        ):
+            raise Malformed(f"camera {camera.name}: no lens has a principal point or distortion that large")
+        away = float(np.linalg.norm(camera.center_world))
+        if not away <= _FARTHEST_M:
+            raise Malformed(
+                f"camera {camera.name}: {away:.3g} m from the origin, which is beyond any room; positions are in metres"
+            )
+
+
+def guessed_size(principal: Sequence[float]) -> tuple[int, int]:
+    """The (width, height) px of an image whose principal point (px) is in its middle."""
+    width, height = (max(1, round(2 * min(max(c, 0.0), 1e6) + 1)) for c in principal)
+    return width, height
+
+
+def guessed_sizes_note(cameras: Sequence[Camera]) -> tuple[str, ...]:
+    """A note on cameras whose image sizes were guessed."""
+    if not cameras:
+        return ()
+    sizes = ", ".join(f"{c.name} {c.width}x{c.height}" for c in cameras)
+    return (f"image sizes are not in it: by the principal points they are about {sizes}",)
 
 
 def make_camera(name: str, lens: tuple[str, tuple[float, ...]], size: tuple[int, int], pose: FloatArray) -> Camera:

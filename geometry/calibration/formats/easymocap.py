@@ -16,7 +16,10 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    guessed_size,
+    guessed_sizes_note,
     in_metres,
+    left_out_note,
     make_camera,
     make_group,
     number,
@@ -32,6 +35,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import log_so3
 
 _PAIR = ("intri", "extri")
+_OTHER_NAMES = " names of the other file"  # no key of a file has spaces
 
 
 def easymocap_sibling(path: Path) -> Path | None:
@@ -55,7 +59,8 @@ def read_easymocap(text: str, path: Path) -> Calibration:
             other = parse_yaml(sibling.read_text(encoding="utf-8-sig"))
         except (Malformed, UnicodeDecodeError) as error:
             raise Malformed(f"{sibling.name}: {error}") from None
-        data = {**other, **data}
+        others = other.get("names")
+        data = {**other, **data, _OTHER_NAMES: others if isinstance(others, list) else []}
     names = data.get("names")
     if not isinstance(names, list) or not names:
         raise Malformed("it has no sequence `names` of cameras")
@@ -64,14 +69,18 @@ def read_easymocap(text: str, path: Path) -> Calibration:
         missing = _PAIR[0] if lacks[0] == "K_" else _PAIR[1]
         raise Malformed(f"{missing}.yml is missing beside it: of EasyMocap, intri.yml and extri.yml are needed")
     cameras: list[Camera] = []
-    guessed: dict[str, str] = {}
-    for name in (_name(n) for n in names):
+    guessed: set[str] = set()
+    every = [_name(n) for n in dict.fromkeys(_names_in(data, names))]
+    no_pose = tuple(n for n in every if not _has_pose(data, n))
+    if no_pose and len(every) - len(no_pose) < 2:
+        raise Malformed(f"no pose (R_NAME or Rot_NAME, and T_NAME) for {', '.join(no_pose)}")
+    for name in (n for n in every if n not in no_pose):
         try:
             lens = opencv_lens(_matrix(data, f"K_{name}", (9,)), _distortion(data, name), fisheye=False)
             size = _size(data, name)
             if size is None:
-                size = (max(1, round(2 * lens[1][2] + 1)), max(1, round(2 * lens[1][3] + 1)))
-                guessed[name] = f"{name} {size[0]}x{size[1]}"
+                size = guessed_size(lens[1][2:4])
+                guessed.add(name)
             turn = f"Rot_{name}" if f"Rot_{name}" in data else f"R_{name}"
             rotation = rotation_from(_matrix(data, turn, (3, 9)), turn)
             pose = pose_from(rotation, _matrix(data, f"T_{name}", (3,)))
@@ -79,10 +88,17 @@ def read_easymocap(text: str, path: Path) -> Calibration:
         except Malformed as error:
             raise Malformed(f"camera {name}: {error}") from None
     group, notes = in_metres(make_group(cameras), None, "convert it, EasyMocap is in metres")
-    if guessed:
-        sizes = ", ".join(guessed.values())
-        notes = (*notes, f"image sizes are not in it: by the principal points they are about {sizes}")
-    return Calibration(group, "EasyMocap", notes, guessed_sizes=frozenset(guessed))
+    notes = (*notes, *guessed_sizes_note([c for c in group if c.name in guessed]), *left_out_note(no_pose))
+    return Calibration(group, "EasyMocap", notes, no_pose, guessed_sizes=frozenset(guessed))
+
+
+def _names_in(data: dict[str, Any], names: list[Any]) -> list[Any]:
+    """The cameras of both files: each has its own sequence, and more may have a lens than a pose."""
+    return [*names, *(n for n in data.get(_OTHER_NAMES, ()) if n not in names)]
+
+
+def _has_pose(data: dict[str, Any], name: str) -> bool:
+    return f"T_{name}" in data and (f"R_{name}" in data or f"Rot_{name}" in data)
 
 
 def _name(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Cameras in OpenCV's YAML (`cv2.FileStorage`).
+"""Cameras in OpenCV's YAML and XML (`cv2.FileStorage`).
 
 OpenCV defines no keys. A camera is a map with these keys, in any one of the spellings:
 
@@ -32,6 +32,9 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    check_nesting,
+    guessed_size,
+    guessed_sizes_note,
     in_metres,
     left_out_note,
     make_camera,
@@ -44,6 +47,7 @@ from muybridge.geometry.calibration.formats.common import (
     rotation_from,
 )
 from muybridge.geometry.calibration.formats.lens_terms import lens_distortion, lens_matrix
+from muybridge.geometry.calibration.formats.opencv_xml import NO_SIZE, is_xml, parse_opencv_xml
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 
@@ -70,12 +74,13 @@ def read_opencv_yaml(text: str, file_stem: str) -> Calibration:
     Raises:
         Malformed: what is wrong, with line or camera and field.
     """
-    data = parse_yaml(text)
-    return _calibration(_cameras_in(data, file_stem), data.get("unit"))
+    data = parse_opencv(text)
+    name = "OpenCV XML" if is_xml(text) else "OpenCV YAML"
+    return _calibration(_cameras_in(data, file_stem), data.get("unit"), name)
 
 
 def read_opencv_files(texts: Mapping[str, str]) -> Calibration:
-    """Cameras of several OpenCV YAML files, by the files' stems.
+    """Cameras of several OpenCV YAML or XML files, by the files' stems.
 
     Raises:
         Malformed: as `read_opencv_yaml`, with the file's stem; files whose units differ.
@@ -83,20 +88,21 @@ def read_opencv_files(texts: Mapping[str, str]) -> Calibration:
     found, units = [], {}
     for stem, text in texts.items():
         try:
-            data = parse_yaml(text)
+            data = parse_opencv(text)
             found += _cameras_in(data, stem)
         except Malformed as error:
             raise Malformed(f"{stem}: {error}") from None
         units[data.get("unit")] = stem
     if len(units) > 1:
         raise Malformed(f"the units of {' and '.join(units.values())} differ: state the same in all files")
-    return _calibration(found, next(iter(units)))
+    name = "OpenCV XML" if all(map(is_xml, texts.values())) else "OpenCV YAML"
+    return _calibration(found, next(iter(units)), name)
 
 
 def is_one_camera(text: str) -> bool:
     """Whether a file is of one camera, at its top level."""
     try:
-        return _is_camera(parse_yaml(text))
+        return _is_camera(parse_opencv(text))
     except Malformed:
         return False
 
@@ -119,7 +125,7 @@ def _cameras_in(data: dict[str, Any], file_stem: str) -> list[tuple[str, dict[st
     return found
 
 
-def _calibration(found: Sequence[tuple[str, dict[str, Any]]], unit: str | None) -> Calibration:
+def _calibration(found: Sequence[tuple[str, dict[str, Any]]], unit: str | None, kind: str) -> Calibration:
     no_pose = tuple(name for name, item in found if not _has_pose(item))
     posed = [(name, item) for name, item in found if name not in no_pose]
     if no_pose and len(posed) < 2:
@@ -134,7 +140,9 @@ def _calibration(found: Sequence[tuple[str, dict[str, Any]]], unit: str | None) 
         except Malformed as error:
             raise Malformed(f"camera {name}: {error}") from None
     group, notes = in_metres(make_group(cameras), unit, "unit: cm, at the top level of the file")
-    return Calibration(group, "OpenCV YAML", (*notes, *left_out_note(no_pose)), no_pose)
+    guessed = frozenset(name for name, item in posed if not _has_size(item))
+    notes = (*notes, *guessed_sizes_note([c for c in group if c.name in guessed]), *left_out_note(no_pose))
+    return Calibration(group, kind, notes, no_pose, guessed)
 
 
 def _camera(name: str, item: dict[str, Any]) -> Camera:
@@ -154,7 +162,13 @@ def _camera(name: str, item: dict[str, Any]) -> Camera:
         if values.size not in (3, 9) or translation.size != 3:
             raise Malformed("the rotation must have 3 or 9 numbers and the translation 3")
         rotation = rotation_from(values, str(_key(item, _ROTATION)))
-    return make_camera(name, lens, _size(item), pose_from(rotation, translation))
+    size = guessed_size(lens[1][2:4]) if not _has_size(item) else _size(item)
+    return make_camera(name, lens, size, pose_from(rotation, translation))
+
+
+def _has_size(item: dict[str, Any]) -> bool:
+    """Whether a file has the image's size; only OpenPose's have none by design."""
+    return not item.get(NO_SIZE, False)
 
 
 def _size(item: dict[str, Any]) -> tuple[int, int]:
@@ -219,11 +233,17 @@ def array_of(item: dict[str, Any], spellings: tuple[str, ...]) -> FloatArray:
     return numbers(value, key)
 
 
+def parse_opencv(text: str) -> dict[str, Any]:
+    """Parse a YAML or XML file of `cv2.FileStorage` to dicts, lists, strings and floats; raises `Malformed`."""
+    return parse_opencv_xml(text) if is_xml(text) else parse_yaml(text)
+
+
 def parse_yaml(text: str) -> dict[str, Any]:
     """Parse a file to dicts, lists, strings and floats."""
     if not text.startswith("%YAML"):
         body = text if text.lstrip().startswith("---") else "---\n" + text
         text = "%YAML:1.0\n" + body
+    check_nesting(text)
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         if not storage.isOpened():

@@ -6,20 +6,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from muybridge.errors import CalibrationError, OutputError
+from muybridge.errors import CalibrationError, OutputError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.calibration.formats.colmap import colmap_files, is_colmap_file, read_colmap
-from muybridge.geometry.calibration.formats.common import Calibration, Malformed
+from muybridge.geometry.calibration.formats.common import Calibration, Malformed, check_plausible
 from muybridge.geometry.calibration.formats.easymocap import easymocap_sibling
 from muybridge.geometry.calibration.formats.native import native_text
 from muybridge.geometry.calibration.formats.opencv import is_one_camera, read_opencv_files
-from muybridge.geometry.calibration.formats.table import FORMATS, KNOWN_FORMATS, Reader
+from muybridge.geometry.calibration.formats.table import KNOWN_FORMATS, looks_like, recognise
 from muybridge.geometry.calibration.gravity import tilt_notes
 from muybridge.geometry.cameras.group import CameraGroup
 
 _KNOWN = "known formats: " + ", ".join(KNOWN_FORMATS)
 # Calibrations of the largest rigs have some 100 KB; the limit avoids reading a video that is mistaken for one.
 _MAX_BYTES = 16 * 2**20
+_LOOKED_AT = 2**20
+_ONE_CAMERA_FILES = ("OpenCV YAML", "OpenCV XML")
 
 
 def load_calibration(path: Path) -> CameraGroup:
@@ -42,10 +44,12 @@ def read_calibration(path: Path) -> Calibration:
             what is wrong (line, camera, field) and what would be valid.
     """
     path = Path(path)
-    try:
+    with parsing(path, CalibrationError, "a calibration"):
         calibration = _read(path)
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}; {_KNOWN}") from None
+        try:
+            check_plausible(calibration.cameras)
+        except Malformed as error:
+            raise CalibrationError(f"{path}: {error}") from None
     return replace(calibration, notes=(*calibration.notes, *tilt_notes(calibration.cameras)))
 
 
@@ -57,30 +61,32 @@ def _read(path: Path) -> Calibration:
         files = _one_camera_each(_candidates(path)[0])
         if not files:
             raise CalibrationError(
-                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML of one "
-                f"camera each; name a file; {_KNOWN}"
+                f"{path}: the folder holds no COLMAP model (cameras and images, .bin or .txt), nor OpenCV YAML or "
+                f"XML of one camera each; name a file; {_KNOWN}"
             )
         try:
             return read_opencv_files(files)
         except Malformed as error:
-            raise CalibrationError(f"{path}: damaged or incomplete OpenCV YAML calibration: {error}") from None
+            raise CalibrationError(f"{path}: damaged or incomplete OpenCV calibration: {error}") from None
     if model and (path.is_dir() or is_colmap_file(path)):
         try:
             return read_colmap(*model)
         except Malformed as error:
             raise CalibrationError(f"{model[0].parent}: damaged COLMAP model: {error}") from None
     text = _text(path)
-    found = _recognise(text)
-    if found is None:
+    found = recognise(text)
+    if found is None or found.read is None:
         hint = ""
         if is_colmap_file(path):
             hint = " (of a COLMAP model both cameras and images are needed, in one folder)"
+        with path.open("rb") as file:
+            words = looks_like(file.read(_LOOKED_AT))
+        hint = hint or (f": it looks like {words}" if words else "")
         raise CalibrationError(f"{path}: not a calibration file of a known format{hint}; {_KNOWN}")
-    name, reader = found
     try:
-        return reader(text or "", path)
+        return found.read(text or "", path)
     except Malformed as error:
-        raise CalibrationError(f"{path}: damaged or incomplete {name} calibration: {error}") from None
+        raise CalibrationError(f"{path}: damaged or incomplete {found.name} calibration: {error}") from None
 
 
 def _text(path: Path) -> str | None:
@@ -99,19 +105,11 @@ def _text(path: Path) -> str | None:
     return None if "\0" in text else text
 
 
-def _recognise(text: str | None) -> tuple[str, Reader] | None:
-    """Name and reader of the format of a text, or None."""
-    for row in FORMATS:
-        if text is not None and row.mark is not None and row.read is not None and row.mark.search(text):
-            return row.name, row.read
-    return None
-
-
 def find_calibration(session_dir: Path) -> Path:
     """Find the calibration of a session folder.
 
     That is `calibration.toml` in it; else the only file of a known format directly in its folder `calibration` (a
-    COLMAP model, which consists of several files, counts as one and is returned as that folder, as do OpenCV YAML files
+    COLMAP model, which consists of several files, counts as one and is returned as that folder, as do OpenCV files
     of one camera each); else the only one directly in the session folder, where other programs write theirs.
 
     Raises:
@@ -146,10 +144,13 @@ def find_calibration(session_dir: Path) -> Path:
         if others and folder != session_dir:
             listed = f" ({', '.join(others[:5])}{', ...' if len(others) > 5 else ''} is of none)"
     if len(folders) < 2:
-        raise CalibrationError(f"{session_dir}: no calibration; {expected}", remedy="calibration_path")
+        raise CalibrationError(
+            f"{session_dir}: no calibration; {expected}", remedy="no_calibration", session=session_dir
+        )
     raise CalibrationError(
-        f"{folders[0]}: no calibration file of a known format{listed}; {expected}", remedy="calibration_path"
-    )
+        f"{folders[0]}: no calibration file of a known format{listed}; {expected}",
+        remedy="no_calibration", session=session_dir,
+    )  # fmt: skip
 
 
 def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
@@ -165,7 +166,7 @@ def _candidates(folder: Path) -> tuple[list[Path], list[str]]:
         sibling = easymocap_sibling(path)
         if sibling is not None and sibling in found:
             continue  # the second file of a pair
-        if _recognise(_text(path)):
+        if recognise(_text(path)):
             found.append(path)
         else:
             others.append(path.name)
@@ -177,8 +178,8 @@ def _one_camera_each(found: Sequence[Path]) -> dict[str, str]:
     texts: dict[str, str] = {}
     for path in found:
         text = _text(path) if path.is_file() else None
-        known = _recognise(text)
-        if text is None or known is None or known[0] != "OpenCV YAML" or not is_one_camera(text):
+        known = recognise(text)
+        if text is None or known is None or known.name not in _ONE_CAMERA_FILES or not is_one_camera(text):
             return {}
         texts[path.stem] = text
     return texts

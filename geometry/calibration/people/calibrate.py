@@ -224,7 +224,8 @@ def _chosen_frames(
         if (seen[c] & others).any(axis=1).sum() < _FEWEST_FRAMES:
             raise CalibrationError(
                 f"camera {name} shares a person with no other camera in {_FEWEST_FRAMES} frames or more: "
-                "let the person walk where it and another camera see them, or leave it out with --cameras"
+                "let the person walk where it and another camera see them",
+                remedy="leave_out_camera",
             )
     frames = np.flatnonzero(shared)
     if len(frames) < _FEWEST_FRAMES:

@@ -127,7 +127,8 @@ def start_from_nothing(
         names = ", ".join(cameras.names[c] for c in missing)
         raise CalibrationError(
             f"camera {names} cannot be placed: it shares too few landmarks with the others that fit together; "
-            "let the person walk where several cameras see them, or leave it out with --cameras"
+            "let the person walk where several cameras see them",
+            remedy="leave_out_camera",
         )
     options = TriangulateOptions(noise_px=_GATE_PX)
     return best[1], triangulate(best[1], points_px, variance_px2, options).points_world

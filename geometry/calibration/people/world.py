@@ -44,7 +44,7 @@ def world_from_people(
     notes: list[str] = []
     stature = _stature(people[:, 0], names)
     if height is None:
-        notes.append(f"scale: the person is taken to be {AVERAGE_HEIGHT} m tall; give --height for theirs")
+        notes.append(f"scale: the person is taken to be {AVERAGE_HEIGHT} m tall; their own height sets it exactly")
     scale = (AVERAGE_HEIGHT if height is None else height) / stature
     up, said = _up(cameras, people * scale, names)
     notes.append(said)

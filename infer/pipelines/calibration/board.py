@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from muybridge.errors import CalibrationError
+from muybridge.errors import CalibrationError, parsing
 from muybridge.geometry.calibration import load_calibration
-from muybridge.geometry.calibration.board.board import Board, fitting_descriptions
+from muybridge.geometry.calibration.board.board import Board, fitting_descriptions, seen_markers
 from muybridge.geometry.calibration.board.extrinsics import (
     BoardOptions,
     RigCalibration,
@@ -25,6 +25,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.pipelines.calibration.board_images import (
     BoardImages,
     at_moment,
+    clocks_of,
     find_board,
     find_images,
     sample_images,
@@ -52,6 +53,7 @@ class BoardChoice:
         dictionary: marker dictionary, by its name in OpenCV (ChArUco).
         inverted: the board is printed white on black.
         legacy: ChArUco pattern of OpenCV before version 4.6.
+        first_marker: number of the first marker, of a board whose markers are not numbered from 0 (ChArUco).
         board_file: TOML file that describes the board in place of the above, as Caliscope writes it (columns, rows,
             square_size_override_cm, dictionary, aruco_scale, inverted).
     """
@@ -64,6 +66,7 @@ class BoardChoice:
     dictionary: str = "DICT_4X4_50"
     inverted: bool = False
     legacy: bool = False
+    first_marker: int = 0
     board_file: Path | None = None
 
     def board_described(self) -> Board:
@@ -78,7 +81,7 @@ class BoardChoice:
             else:
                 found = Board(
                     self.board, self.columns, self.rows, self.square, self.marker_share, self.dictionary,
-                    self.inverted, self.legacy,
+                    self.inverted, self.legacy, self.first_marker,
                 )  # fmt: skip
         except ValueError as error:
             raise CalibrationError(f"the board's description: {error}") from None
@@ -95,22 +98,34 @@ def read_board(path: Path) -> Board:
     """The board that a TOML file describes.
 
     Raises:
-        CalibrationError: the file cannot be read, or describes no board.
-        ValueError: there is no such board.
+        CalibrationError: the file cannot be read, or describes no board that there is.
     """
-    try:
+    with parsing(path, CalibrationError, "the description of a board"):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
+        lacking = [key for key in ("columns", "rows") if key not in data]
+        if lacking or not {"square_size_override_cm", "square"} & data.keys():
+            raise CalibrationError(
+                f"{path}: no description of a board (it has no {(lacking or ['square_size_override_cm'])[0]}); it "
+                "needs columns, rows, dictionary and square_size_override_cm"
+            )
         square = data["square_size_override_cm"] / 100 if "square_size_override_cm" in data else float(data["square"])
-        return Board(
-            "charuco", int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
+        described = (
+            int(data["columns"]), int(data["rows"]), square, float(data.get("aruco_scale", 0.75)),
             str(data.get("dictionary", "DICT_4X4_50")), bool(data.get("inverted", False)),
-            bool(data.get("legacy_pattern", False)),
+            bool(data.get("legacy_pattern", False)), int(data.get("first_marker", 0)), _thickness(data),
         )  # fmt: skip
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
-        raise CalibrationError(
-            f"{path}: no description of a board ({error}); it needs columns, rows, dictionary and "
-            "square_size_override_cm"
-        ) from None
+        try:
+            return Board("charuco", *described)
+        except ValueError as error:
+            raise CalibrationError(f"{path}: the board's description: {error}") from None
+
+
+def _thickness(data: Mapping[str, object]) -> float | None:
+    """Metres between a board's faces; None where the file, as Caliscope writes it, says that it has one face."""
+    thickness = data.get("thickness_cm", 0.0)
+    if isinstance(thickness, bool) or not isinstance(thickness, int | float):
+        raise TypeError(f"thickness_cm is {thickness!r}, not a number")
+    return thickness / 100 if thickness else None
 
 
 @dataclass(frozen=True)
@@ -172,6 +187,8 @@ def calibrate_board(
         CalibrationError: the images do not suffice.
     """
     images = find_images(source.folder, source.timestamps, source.every, source.floor)
+    if clocks := clocks_of(source.folder, source.timestamps, images):
+        progress.notice(f"frames are paired by the clocks in {clocks}")
     if source.floor is not None:
         _check_floor(board, images, source.floor, progress)
     views, sizes = find_board(images, board, progress)
@@ -223,7 +240,13 @@ def _others(board: Board, images: Sequence[BoardImages], views: Mapping[str, Map
     """Descriptions under which more of the board would be found, as the end of a sentence."""
     tried = [image for p in images for image in sample_images(p, max(1, _TRIED_IMAGES // len(images)))]
     found = fitting_descriptions(board, tried)
-    return f"; it would be found as: {' | '.join(found)}" if found else ""
+    markers = seen_markers(board, tried) if board.kind == "charuco" else None
+    numbers = ""
+    if markers is not None and (markers[0] < board.markers[0] or markers[-1] > board.markers[-1]):
+        numbers = (
+            f"; markers {markers[0]} to {markers[-1]} are seen, {board.markers[0]} to {board.markers[-1]} expected"
+        )
+    return numbers + (f"; it would be found as: {' | '.join(found)}" if found else "")
 
 
 def _known_lenses(path: Path, sizes: Mapping[str, tuple[int, int]]) -> CameraGroup:

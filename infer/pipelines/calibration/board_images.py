@@ -1,6 +1,7 @@
 """Images of a calibration board: one video or folder of images per camera, and which of them belong together.
 
-Moments are integers. They count the frames of videos (by time where frame rates differ), unless `timestamps.csv`
+Moments are integers. They count the frames of videos (by time where frame rates differ), unless `sync.toml` (clocks,
+as `muybridge sync` writes them) or `timestamps.csv`
 beside the videos (columns `sync_index`, `cam_id`, `frame_time`, one row per frame) says otherwise. Images are numbered
 by their names or, where these have numbers of 19 digits and more, by their order among those of all cameras.
 """
@@ -18,10 +19,12 @@ from muybridge.arrays import ByteArray, FloatArray, IntArray
 from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration.board.board import Board, BoardDetector
 from muybridge.geometry.calibration.board.intrinsics import View
+from muybridge.geometry.sync.clocks import Clock
 from muybridge.infer.runtime.progress import Progress, Task
-from muybridge.infer.session.discover import IMAGE_SUFFIXES
+from muybridge.infer.session.discover import IMAGE_SUFFIXES, VIDEO_FOLDERS
 from muybridge.infer.session.pairing import natural_key
 from muybridge.infer.session.probe import VideoInfo, is_video, probe_video
+from muybridge.infer.session.sync_file import SYNC_FILE, clocks_in
 from muybridge.infer.session.timestamps import read_time_table, time_table_in
 from muybridge.infer.session.video import read_chunks
 
@@ -86,7 +89,23 @@ def find_images(
             for (p, images), n in zip(folders, numbered, strict=True)
         ]
     stamps = timestamps or time_table_in(folder)
-    return _of_videos(videos, stamps, every, moment)
+    clocks = clocks_in(_sync_folder(folder), [p.stem for p in videos]) if stamps is None else None
+    return _of_videos(videos, stamps, every, moment, clocks)
+
+
+def _sync_folder(folder: Path) -> Path:
+    """Where the clocks of the videos in a folder are: in a session, beside the folder `videos`."""
+    beside = folder.name in VIDEO_FOLDERS and not (folder / SYNC_FILE).is_file()
+    return folder.parent if beside else folder
+
+
+def clocks_of(folder: Path, timestamps: Path | None, images: Sequence[BoardImages]) -> Path | None:
+    """The `sync.toml` by which `find_images` paired the videos in a folder, if it did."""
+    videos = [i.path.parent for i in images if i.video is not None]
+    if not videos or timestamps is not None or time_table_in(videos[0]) is not None:
+        return None
+    path = _sync_folder(videos[0]) / SYNC_FILE
+    return path if path.is_file() else None
 
 
 def _images(folder: Path) -> list[Path]:
@@ -114,7 +133,9 @@ def _as_arrays(numbered: Sequence[Sequence[int]]) -> list[IntArray]:
     return [np.array(mine, dtype=np.int64) for mine in numbered]
 
 
-def _of_videos(videos: Sequence[Path], stamps: Path | None, every: int | None, moment: int | None) -> list[BoardImages]:
+def _of_videos(
+    videos: Sequence[Path], stamps: Path | None, every: int | None, moment: int | None, clocks: Sequence[Clock] | None
+) -> list[BoardImages]:
     """Videos, of which the same moments are searched, by the largest step that one of them needs."""
     infos = [probe_video(p) for p in videos]
     rate, usual, near = infos[0].fps, 1, False
@@ -124,7 +145,10 @@ def _of_videos(videos: Sequence[Path], stamps: Path | None, every: int | None, m
     else:
         usual = max(1, round(rate / _SEARCHES_PER_SECOND))
         near = not all(abs(i.fps / rate - 1) < 0.01 and not i.variable_rate for i in infos)
+        near = near or clocks is not None
         moments = [i.times * rate if near else np.arange(i.frames, dtype=float) for i in infos]
+        if clocks is not None:  # by the reference's clock
+            moments = [(m - k.offset * rate) / (1 + k.drift) for m, k in zip(moments, clocks, strict=True)]
     step = every or max(usual, *(-(-int(min(i.frames, np.ptp(m) + 1)) // _MOST_SEARCHES)
                                  for i, m in zip(infos, moments, strict=True)))  # fmt: skip
     out = []

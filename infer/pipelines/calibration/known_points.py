@@ -4,10 +4,11 @@ import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as shorten
 
 import numpy as np
 
-from muybridge.errors import CalibrationError
+from muybridge.errors import CalibrationError, parsing
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.board.intrinsics import Lens
 from muybridge.geometry.calibration.resection import KnownPoints, PointsCalibration, calibrate_points
@@ -15,6 +16,7 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.infer.session.probe import probe_video
 
 COLUMNS = ("camera", "x", "y", "z", "u", "v")
+_LARGEST = 1e9  # metres or px; anything beyond is damage
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def read_points(path: Path) -> dict[str, KnownPoints]:
         CalibrationError: the file does not exist, a column is missing, or a value is no number (line and column).
     """
     rows: dict[str, list[list[float]]] = {}
-    try:
+    with parsing(path, CalibrationError, "a table of known points"):
         with path.open(newline="", encoding="utf-8-sig") as file:
             first = file.readline()
             file.seek(0)
@@ -84,8 +86,6 @@ def read_points(path: Path) -> dict[str, KnownPoints]:
                 if between == ";":
                     values |= {c: values[c].replace(",", ".") for c in COLUMNS[1:]}
                 rows.setdefault(values["camera"], []).append([_number(path, line, c, values[c]) for c in COLUMNS[1:]])
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CalibrationError(f"{path}: cannot be read ({error})") from None
     if not rows:
         raise CalibrationError(f"{path}: no rows; give one for each point and camera that sees it")
     arrays = {name: np.array(values) for name, values in rows.items()}
@@ -97,8 +97,8 @@ def _number(path: Path, line: int, column: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
-        raise CalibrationError(f"{path}: line {line}: {column} is {text!r}, not a number")
+    if not abs(value) < _LARGEST:
+        raise CalibrationError(f"{path}: line {line}: {column} is {shorten(text)}, not a number")
     return value
 
 

@@ -10,7 +10,9 @@
   const names = document.getElementById("names"), hover = document.getElementById("hover");
   slider.max = T - 1;
   let yaw = 0.6, pitch = 0.15, zoom = 1, frame = 0, timer = 0, mouse = null;
-  const colour = (side) => side === "L" ? "#4fb3ff" : side === "R" ? "#ff8a65" : "#9be28a";
+  const style = getComputedStyle(document.documentElement);
+  const [LEFT, RIGHT] = ["left", "right"].map((side) => style.getPropertyValue(`--${side}-on-dark`).trim());
+  const colour = (side) => side === "L" ? LEFT : side === "R" ? RIGHT : "#9be28a";
   const place = (store, count, p, t, i) => {
     const k = (t * count + i) * 3;
     if (store[k] === MISSING) return null;

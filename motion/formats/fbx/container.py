@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 
 VERSION = 7400
@@ -29,6 +29,8 @@ _COMPRESSED_FROM = 128  # bytes
 _NUMBERS = {"Y": "<h", "C": "<?", "I": "<i", "L": "<q", "F": "<f", "D": "<d"}
 _STORED = {"f": "<f4", "d": "<f8", "i": "<i4", "l": "<i8", "b": "<u1", "c": "<u1"}
 _DEEPEST = 64
+# Bytes that an array may unpack to: any number up to the first, beyond it so many times the size of the file.
+_ANY_SIZE, _RATIO = 2**26, 100
 
 Property = bool | int | float | str | bytes | NDArray[np.generic] | np.int32
 
@@ -133,10 +135,11 @@ def read_fbx_nodes(path: Path) -> Node:
     Raises:
         FormatError: no such file, text instead of binary, of a version before 2011, damaged.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror})") from error
+    with parsing(path, FormatError, "a binary FBX", "export_fbx"):
+        return _read_nodes(path, Path(path).read_bytes())
+
+
+def _read_nodes(path: Path, data: bytes) -> Node:
     if not data.startswith(MAGIC[:20]):
         text = b"FBXHeaderExtension" in data[:4000]
         raise FormatError(f"{path}: {'FBX as text' if text else 'no FBX file'}; export it as binary FBX")
@@ -145,14 +148,11 @@ def read_fbx_nodes(path: Path) -> Node:
         raise FormatError(f"{path}: FBX of version {version / 1000:g}; export it as FBX 2013 or newer (7.3 to 7.7)")
     out, at = Node("", (), []), len(MAGIC) + 4
     reader = _Reader(data, "<QQQ" if version >= 7500 else "<III")
-    try:
-        while True:
-            node, at = reader.node(at, len(data))
-            if node is None:
-                return out
-            out.append(node)
-    except (struct.error, zlib.error, UnicodeDecodeError, KeyError, ValueError) as error:
-        raise FormatError(f"{path}: damaged FBX ({error}); export it again") from error
+    while True:
+        node, at = reader.node(at, len(data))
+        if node is None:
+            return out
+        out.append(node)
 
 
 class _Reader:
@@ -204,6 +204,8 @@ class _Reader:
         size = count * np.dtype(kind).itemsize
         if at > limit:
             raise ValueError("an array runs beyond its node")
+        if size > max(_ANY_SIZE, _RATIO * len(self.data)):
+            raise ValueError(f"an array declares {size} bytes, far more than the file can hold")
         if packed:
             # Limited to the stated size: a small file may unpack to a huge one.
             raw = zlib.decompressobj().decompress(raw, size + 1)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import ErrorFactory, Model, Scene, read_scene
@@ -39,10 +39,8 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
         return FormatError(f"{path}: {problem}", remedy=remedy)
 
-    try:
+    with parsing(path, FormatError, "a binary FBX", "export_fbx"):
         return _read(Path(path), clip, error)
-    except (TypeError, ValueError, IndexError, OverflowError) as problem:
-        raise error(f"is not valid FBX ({type(problem).__name__}: {problem})") from problem
 
 
 def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Motion, tuple[str, ...]]:

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError, parsing
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.clip_choice import Clip, choose_clip
 from muybridge.motion.formats.gltf.clips import Tracks, clip_names_of, even_times, read_tracks, sample
-from muybridge.motion.formats.gltf.container import JSON_ERRORS, Document
+from muybridge.motion.formats.gltf.container import Document
 from muybridge.motion.formats.gltf.nodes import JointChoice, Node, choose_joints, even_scale, path_to, read_nodes
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.joint_frames import motion_from_frames
@@ -43,11 +44,8 @@ def read_gltf(path: Path, clip: Clip = None) -> Motion:
 
 def read_gltf_take(path: Path, clip: Clip = None) -> Take:
     """As `read_gltf`, with notices of what was chosen and left out."""
-    document = Document(Path(path))
-    try:
-        return _read(document, clip)
-    except (RecursionError, *JSON_ERRORS) as error:
-        raise document.error(f"is not valid glTF 2.0 ({type(error).__name__}: {error})") from error
+    with parsing(path, FormatError, "a glTF 2.0 file", "export_gltf"):
+        return _read(Document(Path(path)), clip)
 
 
 def clip_names(path: Path) -> tuple[str, ...]:
@@ -56,11 +54,8 @@ def clip_names(path: Path) -> tuple[str, ...]:
     Raises:
         FormatError: malformed.
     """
-    document = Document(Path(path))
-    try:
-        return clip_names_of(document)
-    except JSON_ERRORS as error:
-        raise document.error(f"is not valid glTF 2.0 ({type(error).__name__}: {error})") from error
+    with parsing(path, FormatError, "a glTF 2.0 file", "export_gltf"):
+        return clip_names_of(Document(Path(path)))
 
 
 def _read(document: Document, clip: Clip) -> Take:

@@ -17,7 +17,7 @@ import numpy as np
 
 from muybridge import __version__
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points.c3d_read import LAST_COUNTED, RawC3D, read_raw_c3d
@@ -26,13 +26,12 @@ from muybridge.motion.formats.points.common import (
     UP_PERMUTATION,
     check_unit,
     check_up,
-    points_of_file,
 )
+from muybridge.motion.formats.points.world import Trajectories, points_of_file
 
 # The axis parameters as the C3D manual has them: what points right and up on a screen that shows the subject
 # from its left.
 _SCREEN = {"z": ("+Y", "+Z"), "y": ("+X", "+Y")}
-_UP_OF_SCREEN = {"+Z": "z", "+Y": "y"}
 # Results of gait models that are stored as points but are none; the names of the parameters that list them.
 _NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "ENERGIES", "REACTIONS", "MODEL_OUTPUTS")
 
@@ -83,6 +82,8 @@ class C3DTake:
         events: in order of time.
         analog: None where there are no channels.
         force_platforms: parameters of the group FORCE_PLATFORM, in millimetres and the points' axes.
+        notices: what was assumed or left out in reading, one sentence each.
+        modelled: names of points that the file lists as computed from markers (POINT:MODELED_MARKERS).
     """
 
     points: Points3D
@@ -90,6 +91,8 @@ class C3DTake:
     events: tuple[Event, ...] = ()
     analog: Analog | None = None
     force_platforms: Mapping[str, Any] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+    modelled: tuple[str, ...] = ()
 
 
 def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z") -> None:
@@ -202,8 +205,12 @@ def read_c3d(path: Path, unit: str | None = None, up: str | None = None) -> Poin
 def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None) -> C3DTake:
     """Read points as `read_c3d` does, with events, analog channels, force plates and the first frame's number; `fps`
     where the file states its frame rate wrongly."""
-    path = Path(path)
-    raw = read_raw_c3d(path)
+    path, up = Path(path), None if up is None else check_up(up)
+    with parsing(path, FormatError, "a C3D"):
+        return _take(path, read_raw_c3d(path), unit, up, fps)
+
+
+def _take(path: Path, raw: RawC3D, unit: str | None, up: str | None, fps: float | None) -> C3DTake:
     frames, count = raw.points.shape[:2]
     names = raw.texts("POINT", "LABELS")[:count]
     names += [f"point_{k + 1}" for k in range(len(names), count)]
@@ -214,20 +221,38 @@ def read_c3d_take(path: Path, unit: str | None = None, up: str | None = None, fp
     fps = fps or raw.fps
     if not 0 < fps < 1e9:
         raise FormatError(f"{path}: POINT:RATE is {raw.fps}; it must be above zero")
-    metres = METRES_OF_UNIT[check_unit(path, unit or (raw.texts("POINT", "UNITS") or [""])[0] or "mm", "POINT:UNITS")]
-    screen = (raw.texts("POINT", "Y_SCREEN") or [""])[0] or "+Z"
-    if up is None and screen not in _UP_OF_SCREEN:
-        raise FormatError(f"{path}: POINT:Y_SCREEN is {screen!r}; valid are {', '.join(_UP_OF_SCREEN)}")
-    turn = list(UP_PERMUTATION[check_up(up or _UP_OF_SCREEN[screen])])
-    xyz = raw.points[:, kept][..., turn] * metres
+    stated = check_unit(path, unit or (raw.texts("POINT", "UNITS") or [""])[0] or "mm", "POINT:UNITS")
+    axis, notices = (up, []) if up else up_of_screen(path, raw)
+    xyz = raw.points[:, kept]
     residual = raw.residuals[:, kept]
-    xyz[(residual < 0) | ~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
-    points = points_of_file(path, [names[k] or f"point_{k + 1}" for k in kept], xyz, fps, "c3d")
-    variance = np.where((residual > 0) & np.isfinite(xyz[..., 0]), (residual * metres) ** 2, np.nan)
-    points.covariance_world[:] = np.where(
-        np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan
-    )
-    return take_of(raw, points, metres, np.eye(3)[turn])
+    xyz[residual < 0] = np.nan
+    labels = tuple(names[k] or f"point_{k + 1}" for k in kept)
+    found = Trajectories(labels, xyz, raw.fps, stated, axis, 0.0, tuple(notices))
+    read = points_of_file(path, found, "c3d", unit, up, fps)
+    metres, turn = METRES_OF_UNIT[stated], list(UP_PERMUTATION[check_up(axis)])
+    known = (residual > 0) & np.isfinite(read.points.points_world[..., 0])
+    variance = np.where(known, (residual * metres) ** 2, np.nan)
+    covariance = np.where(np.isfinite(variance)[..., None, None], np.eye(3) * variance[..., None, None], np.nan)
+    take = take_of(raw, replace(read.points, covariance_world=covariance), metres, np.eye(3)[turn])
+    return replace(take, notices=(*read.notices, *take.notices))
+
+
+def up_of_screen(path: Path, raw: RawC3D) -> tuple[str, list[str]]:
+    """The axis that is up by the file, y or z, and a sentence where the file states its direction oddly.
+
+    Some programs (Qualisys) state both directions of the screen with the opposite sign; their data have Z up.
+
+    Raises:
+        FormatError: it is neither.
+    """
+    screen = (raw.texts("POINT", "Y_SCREEN") or [""])[0].upper() or "+Z"
+    axis = screen.lstrip("+-").lower()
+    if axis not in UP_PERMUTATION:
+        raise FormatError(f"{path}: POINT:Y_SCREEN is {screen!r}; valid are +Z, +Y", remedy="up_axis")
+    if not screen.startswith("-"):
+        return axis, []
+    across = (raw.texts("POINT", "X_SCREEN") or [""])[0] or "not stated"
+    return axis, [f"POINT:Y_SCREEN is {screen}, X_SCREEN {across}: {axis.upper()} was taken as the axis that is up"]
 
 
 def take_of(raw: RawC3D, points: Points3D, metres: float, turn: FloatArray) -> C3DTake:
@@ -240,14 +265,20 @@ def take_of(raw: RawC3D, points: Points3D, metres: float, turn: FloatArray) -> C
         turn: (3, 3) from the file's axes to the points'.
     """
     stretch = raw.fps / points.fps if raw.fps > 0 else 1.0
-    events = tuple(replace(e, time=e.time * stretch) for e in _events(raw))
-    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), _force_platforms(raw, metres, turn))
+    found, said = _events(raw)
+    events = tuple(replace(e, time=e.time * stretch) for e in found)
+    plates, modelled = _force_platforms(raw, metres, turn), tuple(raw.texts("POINT", "MODELED_MARKERS"))
+    notices = (*raw.notices, *said)
+    return C3DTake(points, raw.first_frame, events, _analog(raw, points.fps), plates, notices, modelled)
 
 
-def _events(raw: RawC3D) -> tuple[Event, ...]:
+def _events(raw: RawC3D) -> tuple[tuple[Event, ...], list[str]]:
+    """The events that have a time, in order, and a sentence about those that have none."""
     times = raw.parameters.get("EVENT", {}).get("TIMES")
+    if isinstance(times, np.ndarray) and times.shape == (2,):
+        times = times[:, None]
     if not isinstance(times, np.ndarray) or times.ndim != 2 or len(times) != 2:
-        return tuple(Event(label, seconds) for label, seconds in raw.header_events)
+        return tuple(Event(label, seconds) for label, seconds in raw.header_events), []
     columns = [raw.texts("EVENT", key) for key in ("LABELS", "CONTEXTS", "SUBJECTS", "DESCRIPTIONS")]
 
     def word(column: list[str], k: int) -> str:
@@ -258,7 +289,9 @@ def _events(raw: RawC3D) -> tuple[Event, ...]:
         for k, (minutes, seconds) in enumerate(times.T)
         if np.isfinite(minutes + seconds)
     ]
-    return tuple(sorted(found, key=lambda e: e.time))
+    used = int(max((*raw.numbers("EVENT", "USED"), 0.0)))
+    said = [f"EVENT:USED is {used}, and {len(found)} events have times: those were read"] if used > len(found) else []
+    return tuple(sorted(found, key=lambda e: e.time)), said
 
 
 def _analog(raw: RawC3D, fps: float) -> Analog | None:

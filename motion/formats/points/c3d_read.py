@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -39,6 +39,7 @@ class RawC3D:
         fps: points per second by the header.
         first_frame: number of the first frame, from 1.
         header_events: label and seconds, where the old way of writing them was used.
+        notices: contradictions in the file and what was made of them, one sentence each.
     """
 
     parameters: Parameters
@@ -49,6 +50,7 @@ class RawC3D:
     fps: float
     first_frame: int
     header_events: tuple[tuple[str, float], ...]
+    notices: tuple[str, ...] = ()
 
     def numbers(self, group: str, name: str) -> FloatArray:
         """A parameter as a flat array; empty where it is not there or is text."""
@@ -77,15 +79,14 @@ def read_raw_c3d(path: Path) -> RawC3D:
         data = path.read_bytes()
     except OSError as error:
         raise FormatError(f"{path}: no such file, or it cannot be read ({error.strerror}); give a C3D file") from error
-    try:
+    with parsing(path, FormatError, "a C3D"):
         return _Reader(path, data).read()
-    except (struct.error, ValueError, IndexError, OverflowError) as error:
-        raise FormatError(f"{path}: is not a readable C3D ({error}); export it again") from error
 
 
 class _Reader:
     def __init__(self, path: Path, data: bytes) -> None:
         self.path, self.data = path, data
+        self.notices: list[str] = []
         if len(data) < 2 * _BLOCK or data[1] != 0x50:
             raise self.error("does not begin as a C3D file does, or is shorter than one can be")
         self.section = (data[0] - 1) * _BLOCK
@@ -114,7 +115,9 @@ class _Reader:
     def read(self) -> RawC3D:
         header = self.words(0, 10, "u2").astype(int)
         scale, rate = (float(self.words(at, 1, "f4")[0]) for at in (12, 20))
-        parameters = self.parameters()
+        start = (int(header[8]) - 1) * _BLOCK
+        # The pointer of some files' last parameter leads beyond the section, into the data.
+        parameters = self.parameters(start if start > self.section else len(self.data))
         point, analog = parameters.get("POINT", {}), parameters.get("ANALOG", {})
         count, per_frame = int(header[1]), int(header[9])
         used = _first(point, "USED", count)
@@ -127,7 +130,6 @@ class _Reader:
             raise self.error(f"its scale is {scale}")
         kind = "f4" if scale < 0 else "i2"
         width = 4 * count + channels * per_frame
-        start = (int(header[8]) - 1) * _BLOCK
         if start < self.section:
             raise self.error(f"its data are stated to begin in block {header[8]}")
         frames, first = self.frames(header, parameters, start, width * np.dtype(kind).itemsize)
@@ -142,11 +144,11 @@ class _Reader:
         if unsigned and kind == "i2":
             samples = samples.view(samples.dtype.str.replace("i", "u"))
         return RawC3D(
-            parameters, points, residuals, self.scaled(samples, analog), per_frame,
-            _first(point, "RATE", rate) or rate, first, self.header_events(),
+            parameters, points, residuals, self.scaled(samples, analog, unsigned), per_frame,
+            _first(point, "RATE", rate) or rate, max(first, 1), self.header_events(), tuple(self.notices),
         )  # fmt: skip
 
-    def scaled(self, samples: NDArray[Any], analog: dict[str, Any]) -> FloatArray:
+    def scaled(self, samples: NDArray[Any], analog: dict[str, Any], unsigned: bool) -> FloatArray:
         channels = samples.shape[1]
         scale, offset = np.ones(channels), np.zeros(channels)
         for out, key in ((scale, "SCALE"), (offset, "OFFSET")):
@@ -154,6 +156,8 @@ class _Reader:
             if isinstance(given, np.ndarray):
                 flat = given.ravel()[:channels]
                 out[: len(flat)] = flat
+        if unsigned:  # the 16 bits of an offset are, too
+            offset = np.where((offset < 0) & (offset >= -32768), offset + 65536, offset)
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray((samples.astype(np.float64) - offset) * scale * _first(analog, "GEN_SCALE", 1.0))
 
@@ -165,7 +169,8 @@ class _Reader:
         if all(isinstance(e, np.ndarray) and e.size == 2 for e in ends):
             low_high = [e.ravel().astype(np.int64) % 65536 for e in ends if e is not None]
             real_first, real_last = (int(e[0] + 65536 * e[1]) for e in low_high)
-            if real_first % 65536 == first and real_last >= last:
+            fits = start + (real_last - real_first + 1) * size <= len(self.data)
+            if real_first % 65536 == first and real_last >= last and fits:
                 return real_last - real_first + 1, real_first
         count = last - first + 1
         if count < 1 and not (first, last) == (1, 0) and not (first, last) == (0, 0):
@@ -177,8 +182,22 @@ class _Reader:
         elif last == LAST_COUNTED and stated in (0, LAST_COUNTED):
             count = self.frames_there(count, start, size)
         elif last != LAST_COUNTED and stated not in (0, LAST_COUNTED, max(count, 0)):
-            raise self.error(f"its header has {count} frames, POINT:FRAMES {stated}")
+            there = self.frames_of_two(count, stated, start, size)
+            self.notices.append(f"its header has {count} frames, POINT:FRAMES {stated}: {there} were read")
+            count = there
+        if first < 1:
+            self.notices.append("its frames are numbered from 0; the first was read as frame 1")
         return max(count, 0), first
+
+    def frames_of_two(self, a: int, b: int, start: int, size: int) -> int:
+        """Which of two counts of frames the data have: the larger one that is there and is not filled up with zeros."""
+        less, more = sorted((a, b))
+        if less < 0 or start + less * size > len(self.data):
+            raise self.error(f"its header has {a} frames, POINT:FRAMES {b}, and the file ends before")
+        if start + more * size > len(self.data):
+            return less
+        rest = np.frombuffer(self.data, np.uint8, (more - less) * size, start + less * size)
+        return more if rest.any() else less
 
     def frames_there(self, count: int, start: int, size: int) -> int:
         """The file's frames where what counts them has come to its end; zeros behind `count` fill up the last block."""
@@ -188,12 +207,12 @@ class _Reader:
         rest = rest[: len(rest) // size * size].reshape(-1, size)
         return count + int(np.nonzero(rest.any(axis=1))[0].max(initial=-1)) + 1
 
-    def parameters(self) -> Parameters:
-        """All groups; a group's name may follow its parameters."""
+    def parameters(self, end: int) -> Parameters:
+        """All groups before byte `end`; a group's name may follow its parameters."""
         names: dict[int, str] = {}
         found: list[tuple[int, str, Any]] = []
         at = self.section + 4
-        while at + 2 <= len(self.data):
+        while at + 2 <= min(end, len(self.data)):
             length, group = struct.unpack_from("bb", self.data, at)
             if length == 0 or group == 0:
                 break
@@ -218,7 +237,7 @@ class _Reader:
     def value(self, at: int, name: str) -> Any:
         kind, dimensions = struct.unpack_from("bB", self.data, at)
         if kind not in (-1, 1, 2, 4) or dimensions > 7:
-            raise self.error(f"its parameter {name} is of type {kind} with {dimensions} dimensions")
+            raise self.error(f"its parameter {name[:20]!a} is of type {kind} with {dimensions} dimensions")
         shape = [int(n) for n in self.words(at + 2, dimensions, "u1")]
         at += 2 + dimensions
         size = int(np.prod(shape, dtype=np.int64)) if shape else 1

@@ -16,16 +16,8 @@ from numpy.typing import NDArray
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.common import (
-    METRES_OF_UNIT,
-    UNIT_WORDS,
-    UP_PERMUTATION,
-    check_unit,
-    check_up,
-    frames_of_rows,
-    in_frames,
-    points_of_file,
-)
+from muybridge.motion.formats.points.common import UNIT_WORDS, check_unit, frames_of_rows, in_frames
+from muybridge.motion.formats.points.world import Trajectories
 
 _COLUMN = re.compile(
     r"^(?P<name>.+?)(?:[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
@@ -34,8 +26,11 @@ _COLUMN = re.compile(
 # Frames per second: what is slower has times in another unit.
 _SLOWEST = 0.9
 TIMES = ("time", "t", "time_s", "time(s)", "time[s]", "time (s)", "time [s]", "seconds", "timestamp")
-FRAMES = ("frame", "frame#", "frames", "frame_index", "index", "sync_index")
+FRAMES = ("frame", "frame#", "frames", "frame_index", "frame_number", "index", "sync_index", "fnum")
+# A column's name and values.
+Column = tuple[str, Sequence[Any] | NDArray[Any]]
 _NAMES = ("name", "landmark", "marker", "label", "joint", "keypoint", "point", "point_name")
+_ONCE = (*TIMES, *FRAMES, *_NAMES, "x", "y", "z")
 
 
 def columns_of(points: Points3D) -> dict[str, FloatArray]:
@@ -50,40 +45,43 @@ def columns_of(points: Points3D) -> dict[str, FloatArray]:
     return out
 
 
-def points_of(
-    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], fps: float | None, unit: str | None, up: str
-) -> tuple[Points3D, float]:
-    """Points of a table, and the first frame's time in seconds, 0 where there are no times.
+def trajectories_of(path: Path, columns: Sequence[Column], fps: float | None) -> Trajectories:
+    """Points of a table.
 
     Args:
         path: for the message.
-        columns: by name, equally long; empty cells NaN, or texts in a column of names.
+        columns: names and values, equally long; empty cells NaN, or texts in a column of names. Points of the same name
+            may be there more than once.
         fps: frames per second; None takes them from a column of times.
-        unit: m, cm or mm; None for what the column names state, metres where they state none.
-        up: y or z.
 
     Raises:
         FormatError: no landmark has three columns, the units differ, or there is no frame rate.
     """
-    lower = {str(name).strip().lower(): name for name in columns}
-    times = next((_numbers(path, columns, lower[k]) for k in TIMES if k in lower), None)
+    lower: dict[str, Column] = {}
+    for column in columns:
+        key = column[0].strip().lower()
+        if key in lower and key in _ONCE:
+            raise _twice(path, column[0])
+        lower.setdefault(key, column)
+    times = next((_numbers(path, lower[k]) for k in TIMES if k in lower), None)
     if {"x", "y", "z"} <= set(lower):
-        names, xyz, times = _long(path, columns, lower, times, fps)
+        names, xyz, times = _long(path, lower, times, fps)
         units: set[str] = set()
     else:
         names, xyz, units = _wide(path, columns)
-        numbers = next((_numbers(path, columns, lower[k]) for k in FRAMES if k in lower), None)
+        numbers = next((_numbers(path, lower[k]) for k in FRAMES if k in lower), None)
         xyz, times = placed(path, xyz, numbers, times, fps)
     if len(units) > 1:
         raise FormatError(f"{path}: its columns have several units ({', '.join(sorted(units))}); give them one")
     if not len(xyz):
         raise FormatError(f"{path}: has a header and no row of points below; is it cut off?")
-    metres = METRES_OF_UNIT[check_unit(path, unit or next(iter(units), "m"), "the unit")]
-    xyz[~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
-    points = points_of_file(
-        path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, fps or rate_of(path, times), "table"
-    )
-    return points, 0.0 if times is None else float(np.nan_to_num(times[0]))
+    unit = check_unit(path, units.pop(), "the unit") if units else ""
+    start = 0.0 if times is None else float(np.nan_to_num(times[0]))
+    return Trajectories(tuple(names), xyz, fps or rate_of(path, times), unit, "z", start)
+
+
+def _twice(path: Path, name: str) -> FormatError:
+    return FormatError(f"{path}: the column {name!r} appears more than once; rename one of them")
 
 
 def placed(
@@ -120,58 +118,69 @@ def is_coordinate(column: str) -> bool:
     return column.strip().lower() in ("x", "y", "z") or _COLUMN.match(column.strip()) is not None
 
 
-def _numbers(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: str) -> FloatArray:
+def _numbers(path: Path, column: Column) -> FloatArray:
+    name, values = column
     try:
-        return np.array([np.nan if v is None else v for v in columns[name]], dtype=np.float64)
+        return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
     except (TypeError, ValueError):
         raise FormatError(f"{path}: the column {name!r} holds what is no number; empty means missing") from None
 
 
-def _wide(path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> tuple[list[str], FloatArray, set[str]]:
-    found: dict[str, dict[str, str]] = {}
+def _wide(path: Path, columns: Sequence[Column]) -> tuple[list[str], FloatArray, set[str]]:
+    found: dict[str, dict[str, list[Column]]] = {}
     units: set[str] = set()
     for column in columns:
-        match = _COLUMN.match(str(column).strip())
+        match = _COLUMN.match(column[0].strip())
         if match is None:
             continue
         axis = (match["a"] or match["b"]).lower()
-        if axis in found.setdefault(match["name"], {}):
-            raise FormatError(f"{path}: {match['name']!r} has two columns for {axis}; rename one of them")
-        found[match["name"]][axis] = column
+        found.setdefault(match["name"], {}).setdefault(axis, []).append(column)
         if match["unit"]:
             units.add(match["unit"].lower())
-    names = [name for name, axes in found.items() if len(axes) == 3]
-    if not names:
+    triples: list[tuple[str, list[Column]]] = []
+    for name, axes in found.items():
+        counts = {axis: len(held) for axis, held in axes.items()}
+        if max(counts.values()) > 1 and (len(counts) < 3 or len(set(counts.values())) > 1):
+            axis, held = next((axis, held) for axis, held in axes.items() if len(held) > 1)
+            if held[0][0] == held[1][0]:
+                raise _twice(path, held[0][0])
+            raise FormatError(f"{path}: {name!r} has two columns for {axis}; rename one of them")
+        if len(counts) == 3:
+            triples += [(name, list(held)) for held in zip(*(axes[axis] for axis in "xyz"), strict=True)]
+    if not triples:
         raise FormatError(
             f"{path}: no landmark has columns for x, y and z; name them nose_x, nose_y, nose_z and so on in the "
             "first row"
         )
-    xyz = [[_numbers(path, columns, found[name][axis]) for axis in "xyz"] for name in names]
-    return names, np.moveaxis(np.array(xyz), -1, 0), units
+    # Twins keep their places in the file.
+    places = {id(column): i for i, column in enumerate(columns)}
+    triples.sort(key=lambda triple: min(places[id(column)] for column in triple[1]))
+    xyz = [[_numbers(path, column) for column in held] for _, held in triples]
+    return [name for name, _ in triples], np.moveaxis(np.array(xyz), -1, 0), units
 
 
 def _long(
-    path: Path, columns: Mapping[str, Sequence[Any] | NDArray[Any]], lower: Mapping[str, str], times: FloatArray | None,
-    fps: float | None,
-) -> tuple[list[str], FloatArray, FloatArray | None]:  # fmt: skip
+    path: Path, lower: Mapping[str, Column], times: FloatArray | None, fps: float | None
+) -> tuple[list[str], FloatArray, FloatArray | None]:
     """One row per landmark and frame."""
     label = next((lower[k] for k in _NAMES if k in lower), None)
     frame = next((lower[k] for k in (*FRAMES, *TIMES) if k in lower), None)
     if label is None or frame is None:
         missing = "name" if label is None else "frame"
         raise FormatError(f"{path}: has columns x, y, z, but none called {missing}; add it")
-    labels = [str(v) for v in columns[label]]
-    keys = _numbers(path, columns, frame)
+    labels = [str(v) for v in label[1]]
+    keys = _numbers(path, frame)
     if not np.isfinite(keys).all():
-        raise FormatError(f"{path}: the column {frame!r} has an empty cell")
+        raise FormatError(f"{path}: the column {frame[0]!r} has an empty cell")
     frames, of_frame = np.unique(keys, return_inverse=True)
-    numbered = frame.strip().lower() in FRAMES
+    numbered = frame[0].strip().lower() in FRAMES
     row = frames_of_rows(path, frames if numbered else None, None if numbered else frames, fps)[of_frame]
     names = list(dict.fromkeys(labels))
-    column = np.array([names.index(n) for n in labels], dtype=np.intp)
+    index = {name: i for i, name in enumerate(names)}
+    column = np.array([index[n] for n in labels], dtype=np.intp)
     if len({*zip(row.tolist(), column.tolist(), strict=True)}) != len(row):
         raise FormatError(f"{path}: a landmark has two rows in one frame; keep one of them")
     count = int(row.max(initial=-1)) + 1
     xyz = np.full((count, len(names), 3), np.nan)
-    xyz[row, column] = np.stack([_numbers(path, columns, lower[axis]) for axis in "xyz"], axis=1)
+    xyz[row, column] = np.stack([_numbers(path, lower[axis]) for axis in "xyz"], axis=1)
     return names, xyz, None if times is None else in_frames(times, row)

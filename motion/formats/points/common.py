@@ -1,15 +1,12 @@
-"""What the readers of point files (TRC, C3D) share: labelled points that come without any uncertainty."""
+"""What the readers of point files (TRC, C3D, tables) share: units, axes, text, and which row is which frame."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
 
 METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 # Every spelling that files have of them, in small letters.
@@ -19,6 +16,9 @@ UNIT_WORDS = {word: unit for unit, words in {
     "mm": ("mm", "millimeter", "millimetre", "millimeters", "millimetres"),
     "in": ("in", "inch", "inches"),
 }.items() for word in words}  # fmt: skip
+# Systems of the eighties keep four letters of a unit.
+_FEWEST_LETTERS = 4
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # Rows may be missing between the first frame and the last, but not nearly all.
 _SPREAD, _FEW = 100, 1000
 # Of rows that come evenly the step is never so many times the usual one.
@@ -29,10 +29,13 @@ UP_PERMUTATION = {"z": (0, 1, 2), "y": (2, 0, 1)}
 
 def check_unit(path: Path, unit: str, where: str) -> str:
     """The unit, if it is one that we know in some spelling; FormatError with what was found if not."""
-    word = unit.strip().lower()
-    if word not in UNIT_WORDS:
+    word = unit.strip(" \t\0.[]()").lower()
+    if word in UNIT_WORDS:
+        return UNIT_WORDS[word]
+    cut_off = {u for full, u in UNIT_WORDS.items() if len(word) >= _FEWEST_LETTERS and full.startswith(word)}
+    if len(cut_off) != 1:
         raise FormatError(f"{path}: {where} is {unit!r}; valid are {', '.join(METRES_OF_UNIT)}")
-    return UNIT_WORDS[word]
+    return cut_off.pop()
 
 
 def check_fps(fps: float | None) -> None:
@@ -45,10 +48,11 @@ def read_text(path: Path, kind: str) -> str:
     """A file of text, whatever ends its lines; `kind` is what it should be.
 
     Raises:
-        FormatError: it cannot be read, or is not UTF-8.
+        FormatError: it cannot be read, or is neither UTF-8 nor UTF-16 that says so.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        text = data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing {kind} file") from error
     except UnicodeDecodeError as error:
@@ -105,32 +109,3 @@ def check_up(up: str) -> str:
     if up not in UP_PERMUTATION:
         raise ValueError(f"up must be one of {', '.join(UP_PERMUTATION)}, not {up!r}")
     return up
-
-
-def points_of_file(path: Path, names: Sequence[str], points_world: FloatArray, fps: float, name: str) -> Points3D:
-    """Points3D of what a file holds: positions only, so covariance is NaN and there are no cameras.
-
-    Args:
-        path: for the message.
-        names: (J,) labels; those of BODY23 in its order give that very set, others one called `name` without
-            edges.
-        points_world: (T, J, 3) metres, Z up, NaN where missing.
-        fps: frames per second.
-        name: the landmark set's name where it is not one of ours.
-
-    Raises:
-        FormatError: a label appears twice.
-    """
-    twice = sorted({n for n in names if list(names).count(n) > 1})
-    if twice:
-        raise FormatError(f"{path}: the label {twice[0]!r} appears more than once; rename one of them")
-    landmarks = BODY23 if tuple(names) == BODY23.names else LandmarkSet(name, tuple(names), ())
-    t, j = points_world.shape[:2]
-    return Points3D(
-        landmarks=landmarks,
-        points_world=points_world,
-        covariance_world=np.full((t, j, 3, 3), np.nan),
-        residual_px=np.empty((0, t, j)),
-        inlier=np.empty((0, t, j), dtype=np.bool_),
-        fps=fps,
-    )

@@ -3,30 +3,26 @@
 Read are also the usual other names of these arrays.
 """
 
-import struct
-import zipfile
-import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import FormatError
+from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.common import (
-    METRES_OF_UNIT,
-    UP_PERMUTATION,
-    check_unit,
-    check_up,
-    points_of_file,
-)
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up
+from muybridge.motion.formats.points.world import PointsOfFile, Trajectories, points_of_file
+from muybridge.npz import load_npz
 
+# Frames that are turned at once, so that a long file needs no second copy.
+_CHUNK = 4096
 _POINTS = ("points_world", "points3d_world", "points3d", "points", "keypoints3d", "joints3d", "xyz", "markers")
 _NAMES = ("names", "labels", "landmarks", "keypoint_names", "joint_names", "marker_names")
 _RATES = ("fps", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate")
-_LARGEST = 2**32  # bytes a file may unpack to
 
 
 def write_npz(path: Path, points: Points3D) -> None:
@@ -46,7 +42,9 @@ def write_npz(path: Path, points: Points3D) -> None:
         )
 
 
-def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: str = "z") -> Points3D:
+def read_npz(
+    path: Path, fps: float | None = None, unit: str | None = None, up: str = "z", limit: int | None = None
+) -> Points3D:
     """Read points into metres, Z up; nothing in the file is run.
 
     Args:
@@ -54,19 +52,34 @@ def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: 
         fps: frames per second; None for what the file states.
         unit: m, cm or mm; None for the file's `unit`, metres where it has none.
         up: y or z.
+        limit: bytes that the file's arrays may take; None for the limits of `muybridge.npz.load_npz`.
 
     Raises:
-        FormatError: malformed, or an array is missing; the message lists what is there.
+        FormatError: malformed, larger than allowed, or an array is missing; the message lists what is there.
     """
-    path = Path(path)
+    return read_npz_from(path, fps, unit, up, limit).points
+
+
+def read_npz_from(
+    path: Path, fps: float | None = None, unit: str | None = None, up: str = "z", limit: int | None = None
+) -> PointsOfFile:
+    """The points as `read_npz` has them, and what was left out."""
+    path, up = Path(path), check_up(up)
     if not path.is_file():
         raise FormatError(f"{path}: no such file; give an existing .npz file")
-    try:
-        arrays = _load(path)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, struct.error, MemoryError,
-            NotImplementedError, RuntimeError, SyntaxError, OverflowError, TypeError) as error:  # fmt: skip
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"{path}: is not a readable .npz ({reason}); save it again") from error
+    arrays = load_npz(path, limit=limit)
+    with parsing(path, FormatError, "an .npz"):
+        found = _trajectories(path, arrays, fps)
+        covariance, shape = arrays.pop("covariance_world", None), found.xyz.shape
+        read = points_of_file(path, found, "npz", unit, up, fps)
+        if covariance is not None and covariance.shape == (*shape, 3) and covariance.dtype.kind == "f":
+            metres, turn = METRES_OF_UNIT[check_unit(path, unit or found.unit, "the unit")], UP_PERMUTATION[up]
+            turned = _turned(covariance.astype(np.float64, copy=False), metres, list(turn))
+            read = replace(read, points=replace(read.points, covariance_world=turned))
+        return read
+
+
+def _trajectories(path: Path, arrays: dict[str, NDArray[Any]], fps: float | None) -> Trajectories:
     there = ", ".join(f"{k} {v.shape}" for k, v in arrays.items()) or "nothing"
     xyz = _pick(arrays, _POINTS)
     if xyz is None or xyz.ndim != 3 or xyz.shape[-1] not in (3, 4) or xyz.dtype.kind not in "fiu":
@@ -80,29 +93,21 @@ def read_npz(path: Path, fps: float | None = None, unit: str | None = None, up: 
             raise FormatError(f"{path}: has no `fps`, frames per second", remedy="fps_unstated")
         fps = float(rate.flat[0])
     stated = arrays.get("unit")
-    word = unit or (str(stated.flat[0]) if stated is not None and stated.size == 1 else "m")
-    metres = METRES_OF_UNIT[check_unit(path, word, "the unit")]
-    turn = list(UP_PERMUTATION[check_up(up)])
-    place = xyz[..., :3].astype(np.float64)
-    place[~np.all(np.abs(place) < 1e12, axis=-1)] = np.nan
-    if not len(place):
+    word = str(stated.flat[0]) if stated is not None and stated.size == 1 else "m"
+    if not len(xyz):
         raise FormatError(f"{path}: has no frame")
-    labels = [n.decode("utf-8", "replace") if isinstance(n, bytes) else str(n) for n in names.tolist()]
-    points = points_of_file(path, labels, place[..., turn] * metres, fps, "npz")
-    covariance = arrays.get("covariance_world")
-    if covariance is not None and covariance.shape == (*place.shape, 3) and covariance.dtype.kind == "f":
-        turned = covariance.astype(np.float64)[..., turn, :][..., turn] * metres**2
-        points = replace(points, covariance_world=turned)
-    return points
+    labels = tuple(n.decode("utf-8", "replace") if isinstance(n, bytes) else str(n) for n in names.tolist())
+    place = xyz[..., :3].astype(np.float64, copy=False)
+    return Trajectories(labels, place, fps, check_unit(path, word, "the unit"))
 
 
-def _load(path: Path) -> dict[str, NDArray]:  # type: ignore[type-arg]
-    with zipfile.ZipFile(path) as archive:
-        if sum(i.file_size for i in archive.infolist()) > _LARGEST:
-            raise ValueError("it would take more than 4 GiB")
-    with np.load(path, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+def _turned(covariance: FloatArray, metres: float, turn: list[int]) -> FloatArray:
+    """Covariances (T, J, 3, 3) in the world; `covariance` is overwritten."""
+    for at in range(0, len(covariance), _CHUNK):
+        part = covariance[at : at + _CHUNK]
+        part[:] = part[..., turn, :][..., turn] * metres**2
+    return covariance
 
 
-def _pick(arrays: dict[str, NDArray], names: tuple[str, ...]) -> NDArray | None:  # type: ignore[type-arg]
+def _pick(arrays: dict[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any] | None:
     return next((arrays[n] for n in names if n in arrays), None)

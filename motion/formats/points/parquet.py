@@ -3,15 +3,17 @@
 The frame rate, the unit and the landmark set are in the schema's metadata.
 """
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.columns import columns_of, points_of
+from muybridge.motion.formats.points.columns import columns_of, trajectories_of
+from muybridge.motion.formats.points.common import check_unit, check_up
+from muybridge.motion.formats.points.world import PointsOfFile, points_of_file
 
 
 def write_parquet(path: Path, points: Points3D) -> None:
@@ -45,25 +47,26 @@ def read_parquet(path: Path, fps: float | None = None, unit: str | None = None, 
         FormatError: the file is malformed or holds no points.
         ModuleNotFoundError: pyarrow, the extra `parquet`, is not installed.
     """
-    return read_parquet_from(path, fps, unit, up)[0]
+    return read_parquet_from(path, fps, unit, up).points
 
 
 def read_parquet_from(
     path: Path, fps: float | None = None, unit: str | None = None, up: str | None = None
-) -> tuple[Points3D, float]:
-    """The points as `read_parquet` has them, and the first frame's time in seconds, 0 where there are no times."""
-    import pyarrow as pa
+) -> PointsOfFile:
+    """The points as `read_parquet` has them, the first frame's time, and what was left out."""
+    import pyarrow  # noqa: F401  # here and outside of the context, since it is an extra
+
+    path, up = Path(path), None if up is None else check_up(up)
+    with parsing(path, FormatError, "a Parquet file"):
+        return _points(path, fps, unit, up)
+
+
+def _points(path: Path, fps: float | None, unit: str | None, up: str | None) -> PointsOfFile:
     import pyarrow.parquet as pq
 
-    path = Path(path)
-    try:
-        table = pq.read_table(path)
-        columns: dict[str, Any] = {n: table.column(i).to_pylist() for i, n in enumerate(table.column_names)}
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give a Parquet file") from error
-    except (pa.ArrowException, ValueError, MemoryError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"{path}: is not readable as Parquet ({reason}); export it again") from error
+    with path.open("rb") as file:  # pq.read_table refuses columns of one name
+        table = pq.ParquetFile(file).read()
+    columns = [(str(name), table.column(i).to_pylist()) for i, name in enumerate(table.column_names)]
     metadata = (table.schema.metadata or {}).items()
     facts = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in metadata}
     stated = facts.get("fps", "")
@@ -77,4 +80,6 @@ def read_parquet_from(
     up = up or facts.get("up", "z")
     if up not in ("y", "z"):
         raise FormatError(f"{path}: its metadata state that {up!r} is up; valid are y, z")
-    return points_of(path, columns, fps, unit or facts.get("unit") or None, up)
+    found = trajectories_of(path, columns, fps)
+    found = replace(found, unit=check_unit(path, facts.get("unit") or found.unit or "m", "the unit"))
+    return points_of_file(path, found, "table", unit, up, fps)

@@ -11,19 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.motion.formats.points.common import (
-    METRES_OF_UNIT,
-    UP_PERMUTATION,
-    check_unit,
-    check_up,
-    frames_of_rows,
-    in_frames,
-    points_of_file,
-    read_text,
-)
+from muybridge.motion.formats.points.common import check_unit, check_up, frames_of_rows, in_frames, read_text
+from muybridge.motion.formats.points.world import PointsOfFile, Trajectories, points_of_file
 
 WORLD_AXIS_OF_TRC = (1, 2, 0)
 _KEYS = (
@@ -80,48 +72,67 @@ def read_trc(path: Path, unit: str | None = None, up: str = "y", fps: float | No
     Raises:
         FormatError: the file is not a TRC or ends too early, or a line of it is malformed; the message names the line.
     """
-    return read_trc_from(path, unit, up, fps)[0]
+    return read_trc_from(path, unit, up, fps).points
 
 
-def read_trc_from(
-    path: Path, unit: str | None = None, up: str = "y", fps: float | None = None
-) -> tuple[Points3D, float]:
-    """The points as `read_trc` has them, and the first frame's time in seconds, 0 where it has none."""
-    path = Path(path)
+def read_trc_from(path: Path, unit: str | None = None, up: str | None = None, fps: float | None = None) -> PointsOfFile:
+    """The points as `read_trc` has them, the first frame's time, and what was left out."""
+    path, up = Path(path), None if up is None else check_up(up)
+    with parsing(path, FormatError, "a TRC"):
+        return points_of_file(path, trc_trajectories(path, unit, fps), "trc", unit, up, fps)
+
+
+def trc_trajectories(path: Path, unit: str | None = None, fps: float | None = None) -> Trajectories:
+    """What the file holds; see `read_trc`."""
     lines = read_text(path, "TRC").split("\n")
-    if not lines or not lines[0].startswith("PathFileType") or len(lines) < 5:
+    if not lines or not lines[0].lstrip().startswith("PathFileType") or len(lines) < 5:
         raise FormatError(f"{path}: line 1 must begin with PathFileType, 5 lines of header in all; is it a TRC?")
-    head = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
-    head = {key.strip(): value.strip() for key, value in head.items()}
+    head = _head(lines[1], lines[2])
     rate = fps or _header_number(path, head, "DataRate")
-    metres = METRES_OF_UNIT[check_unit(path, unit or head.get("Units", ""), "line 3: Units")]
-    names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
-    if not names:
-        raise FormatError(f"{path}: line 4 names no markers; it must be Frame#, Time, a name per 3 cells")
-    if head.get("NumMarkers") not in (None, str(len(names))):
-        raise FormatError(
-            f"{path}: line 3 states {head['NumMarkers']} markers, line 4 names {len(names)}; correct NumMarkers"
-        )
-    rows = [_row(path, i, line, len(names)) for i, line in enumerate(lines[5:], start=6) if line.strip()]
-    if rows and lines[-1].strip() and lines[-1].count("\t") + 1 < 2 + 3 * len(names):
-        raise FormatError(f"{path}: line {len(lines)} ends before its last marker: the file is cut off; export it anew")
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), 2 + 3 * len(names))
-    table = in_frames(table, frames_of_rows(path, table[:, 0], table[:, 1], fps))
-    announced = head.get("NumFrames", "")
-    if rows and announced.isdecimal() and int(announced) > len(table):
-        raise FormatError(f"{path}: line 3 states {announced} frames, {len(rows)} rows follow: the file is cut off; "
-                          "export it again, or correct NumFrames")  # fmt: skip
-    xyz = table[:, 2:].reshape(len(table), len(names), 3)
-    xyz[~np.all(np.abs(xyz) < 1e12, axis=-1)] = np.nan
-    points = points_of_file(path, names, xyz[..., UP_PERMUTATION[check_up(up)]] * metres, rate, "trc")
+    stated = check_unit(path, unit or head.get("Units", ""), "line 3: Units")
+    names, at = _names(path, lines[3], lines[4])
+    rows, more, notices = _rows(path, lines, 2 + 3 * (at[-1] + 1))
+    announced = head.get("NumMarkers", "")
+    if announced.isdecimal() and int(announced) != len(names):
+        message = f"line 3 states {announced} markers, line 4 names {len(names)}"
+        unnamed = at[-1] + 1 - len(names) + more
+        fewer = int(announced) < len(names) and any(np.isfinite(row[2 + 3 * int(announced) :]).any() for row in rows)
+        if not (fewer or (unnamed and int(announced) > len(names))):
+            raise FormatError(f"{path}: {message}; correct NumMarkers")
+        notices.append(f"{message}: those that are named were read")
     if not rows:
         raise FormatError(f"{path}: has no row of points after its header; is it cut off?")
-    return points, float(np.nan_to_num(table[0, 1]))
+    table = np.array(rows, dtype=np.float64)
+    table = in_frames(table, frames_of_rows(path, table[:, 0], table[:, 1], fps))
+    announced = head.get("NumFrames", "")
+    if announced.isdecimal() and int(announced) > len(table) + 1:
+        raise FormatError(f"{path}: line 3 states {announced} frames, {len(rows)} rows follow: the file is cut off; "
+                          "export it again, or correct NumFrames")  # fmt: skip
+    if announced.isdecimal() and int(announced) == len(table) + 1:
+        notices.append(f"line 3 states {announced} frames, {len(rows)} rows follow: those that are there were read")
+    xyz = table[:, 2:].reshape(len(table), -1, 3)[:, at]
+    if at[-1] + 1 > len(names):
+        between = _trajectories(at[-1] + 1 - len(names))
+        notices.append(f"between the markers of line 4 are {between} without a name, which were left out")
+    return Trajectories(tuple(names), xyz, rate, stated, "y", float(np.nan_to_num(table[0, 1])), tuple(notices))
+
+
+def _trajectories(count: int) -> str:
+    return f"{count} trajector{'y' if count == 1 else 'ies'}"
+
+
+def _head(keys: str, values: str) -> dict[str, str]:
+    """The second line's keys with the third's values, also where empty cells or spaces are between them."""
+    known = [key.strip() for key in keys.split("\t") if key.strip()] if "\t" in keys else keys.split()
+    for cells in ([cell.strip() for cell in values.split("\t") if cell.strip()], values.split()):
+        if len(cells) == len(known):
+            return dict(zip(known, cells, strict=True))
+    return {key.strip(): cell.strip() for key, cell in zip(keys.split("\t"), values.split("\t"), strict=False)}
 
 
 def _header_number(path: Path, head: dict[str, str], key: str) -> float:
     try:
-        value = float(head[key])
+        value = float(head[key].replace(",", "."))
     except (KeyError, ValueError):
         value = math.nan
     if not (math.isfinite(value) and value > 0):
@@ -129,17 +140,65 @@ def _header_number(path: Path, head: dict[str, str], key: str) -> float:
     return value
 
 
-def _row(path: Path, number: int, line: str, markers: int) -> FloatArray:
-    """Frame number, time and coordinates; NaN where a cell is empty, or where the first two are no numbers."""
-    cells = line.split("\t")
-    if any(cell.strip() for cell in cells[2 + 3 * markers :]):
-        raise FormatError(f"{path}: line {number} has more cells than the {markers} markers of line 4 need")
-    out = np.full(2 + 3 * markers, np.nan)
-    for i, cell in enumerate(cells[: len(out)]):
+def _names(path: Path, line: str, axes: str) -> tuple[list[str], list[int]]:
+    """The markers' names, and which triple of cells each has: between them may be trajectories without a name."""
+    if "\t" not in line.strip():
+        names = line.split()[2:]
+        if names and len(axes.split()) != 3 * len(names):
+            raise FormatError(f"{path}: line 4 is separated by spaces and seems to name {len(names)} markers, line 5 "
+                              f"{len(axes.split()) / 3:g}; separate the names by tabs, three to a marker")  # fmt: skip
+        at = list(range(len(names)))
+    else:
+        there = [(i - 2, cell.strip()) for i, cell in enumerate(line.split("\t")) if i >= 2 and cell.strip()]
+        names = [name for _, name in there]
+        regular = all(i % 3 == 0 for i, _ in there)
+        at = [i // 3 for i, _ in there] if regular else list(range(len(names)))
+    if not names:
+        raise FormatError(f"{path}: line 4 names no markers; it must be Frame#, Time, a name per 3 cells")
+    return names, at
+
+
+def _rows(path: Path, lines: list[str], width: int) -> tuple[list[FloatArray], int, list[str]]:
+    """Frame number, time and coordinates (`width`,) of each row, how many trajectories without names are behind them,
+    and sentences about what was left out."""
+    rows, more, spaces = [], 0, 0
+    body = lines[5:]
+    # Beside points, a comma separates thousands.
+    decimal = "," if any("," in line for line in body) and not any("." in line for line in body) else "."
+    for number, line in enumerate(body, start=6):
+        if not line.strip():
+            continue
+        cells = line.split("\t")
+        if len(cells) == 1 or any(" " in cell.strip() for cell in cells):
+            cells, spaces = line.split(), spaces + 1
+            if len(cells) < width or (len(cells) - width) % 3:
+                raise FormatError(
+                    f"{path}: line {number} has spaces between its numbers, which show no empty cells: {len(cells)} "
+                    f"numbers, and {width} are needed; separate them by tabs"
+                )
+        elif number == len(lines) and len(cells) < width:
+            raise FormatError(f"{path}: line {number} ends before its last marker: the file is cut off; export it anew")
+        beyond = [i for i, cell in enumerate(cells[width:], start=1) if cell.strip()]
+        if beyond and beyond[-1] % 3:
+            raise FormatError(f"{path}: line {number} has more cells than the markers of line 4 need")
+        more = max(more, max(beyond, default=0) // 3)
+        rows.append(_row(path, number, cells[:width], width, decimal))
+    notices = []
+    if more:
+        notices.append(f"behind the markers of line 4 are {_trajectories(more)} without a name, which were left out")
+    if spaces:
+        notices.append(f"spaces, not tabs, are between the numbers of {spaces} of {len(rows)} rows")
+    return rows, more, notices
+
+
+def _row(path: Path, number: int, cells: list[str], width: int, decimal: str) -> FloatArray:
+    """Cells as numbers (`width`,); NaN where a cell is empty, or where the first two are no numbers."""
+    out = np.full(width, np.nan)
+    for i, cell in enumerate(cells):
         if not cell.strip():
             continue
         try:
-            out[i] = float(cell)
+            out[i] = float(cell.replace(",", ".") if decimal == "," else cell)
         except ValueError:
             if i >= 2:
                 raise FormatError(

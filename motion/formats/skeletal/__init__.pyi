@@ -9,6 +9,7 @@ from .mot import write_mot as write_mot
 from .opensim import Coordinates as Coordinates
 from .opensim import coordinates_of as coordinates_of
 from .opensim import motion_of as motion_of
+from .storage import read_storage as read_storage
 from .usd import write_usda as write_usda
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "read_bvh",
     "read_bvh_take",
     "read_mot",
+    "read_storage",
     "write_amc",
     "write_bvh",
     "write_mot",

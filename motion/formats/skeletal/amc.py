@@ -18,10 +18,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.asf import (
     INCH,
     LENGTH,
@@ -61,9 +62,15 @@ def read_amc(path: Path, asf: Path | None = None, fps: float = CMU_FPS) -> Motio
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps must be above zero, not {fps}")
     skeleton_path = find_asf(path) if asf is None else Path(asf)
-    parsed = read_asf_file(skeleton_path)
+    with parsing(skeleton_path, FormatError, "an ASF"):
+        parsed = read_asf_file(skeleton_path)
+        skeleton = skeleton_of_asf(skeleton_path, parsed)
+    with parsing(path, FormatError, "an AMC"):
+        return _motion(path, parsed, skeleton, fps)
+
+
+def _motion(path: Path, parsed: Asf, skeleton: Skeleton, fps: float) -> Motion:
     frames = _read_frames(path, parsed)
-    skeleton = skeleton_of_asf(skeleton_path, parsed)
     t_count = len(next(iter(frames.values()))) if frames else 0
     quat = np.zeros((t_count, len(skeleton), 4))
     root = np.tile(parsed.position, (t_count, 1))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 
@@ -49,11 +49,7 @@ class Lines:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r", "\n")
-        except OSError as error:
-            kind = path.suffix.lstrip(".").upper() or "ASF"
-            raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing {kind} file") from error
+        text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r", "\n")
         lines = ((n, line.split("#")[0].split()) for n, line in enumerate(text.split("\n"), start=1))
         self._lines: Iterator[tuple[int, list[str]]] = ((n, words) for n, words in lines if words)
         self._kept: list[tuple[int, list[str]]] = []
@@ -93,7 +89,8 @@ def read_asf(path: Path) -> Skeleton:
     Raises:
         FormatError: malformed; the message names the line.
     """
-    return skeleton_of_asf(Path(path), read_asf_file(Path(path)))
+    with parsing(path, FormatError, "an ASF"):
+        return skeleton_of_asf(Path(path), read_asf_file(Path(path)))
 
 
 def find_asf(amc: Path) -> Path:

@@ -5,12 +5,10 @@ the right size: (x, y, z)_bvh = (x_world, z_world, -y_world). At rest the body s
 
 The format states neither unit nor axes: reading keeps lengths unless a scale is given, and takes Y for up. All joints
 have the file's axes at rest; a skeleton's own axes are not written. Joints that slide have position channels, which
-replace their OFFSET; several roots are several hierarchies.
+replace their OFFSET, unless all of them are zero in all frames; several roots are several hierarchies.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from decimal import Decimal
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,18 +16,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.formats.skeletal.bvh_text import (
+    AXES,
+    BvhJoint,
+    BvhWords,
+    name_apart,
+    offset_of,
+    read_joints,
+    read_values,
+)
 from muybridge.motion.formats.skeletal.euler import smooth_euler
 
 _SHORTEST_M = 0.01
 BVH_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-_AXES = "xyz"
 _STILL = 2e-6  # of a unit, or of the position: by less a joint does not slide
-_PRECISE = 0.02  # share of a frame's time that its text may deviate by for the rate to be recognised
 
 
 def write_bvh(path: Path, motion: Motion, units: Literal["m", "cm"] = "m") -> None:
@@ -104,73 +109,6 @@ def _write_joint(skeleton: Skeleton, j: int, depth: int, lines: list[str], order
     lines.append(f"{indent}}}")
 
 
-@dataclass
-class _Joint:
-    name: str
-    parent: int
-    line: int
-    offset: FloatArray | None = None
-    tip: FloatArray | None = None
-    channels: tuple[str, ...] | None = None
-
-
-class _Words:
-    """The words of a file with their line numbers; every error names file and line."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self.size = len(text)
-        self._words: Iterator[tuple[int, str]] = (
-            (number, word) for number, line in enumerate(text.split("\n"), start=1) for word in line.split()
-        )
-        self.line = 1
-
-    def next(self, wanted: str) -> str:
-        word = next(self._words, None)
-        if word is None:
-            raise FormatError(f"{self.path}: ends after line {self.line}, where {wanted} must follow; is it cut off?")
-        self.line = word[0]
-        return word[1]
-
-    def more(self) -> bool:
-        """Whether another word follows; it is consumed."""
-        word = next(self._words, None)
-        self.line = word[0] if word else self.line
-        return word is not None
-
-    def bad(self, found: str, wanted: str) -> FormatError:
-        return FormatError(
-            f"{self.path}: line {self.line}: {found!r} found where {wanted} is expected; correct or re-export the file"
-        )
-
-    def expect(self, *words: str) -> str:
-        found = self.next(" or ".join(words))
-        if found.lower() not in [w.lower() for w in words]:
-            raise self.bad(found, " or ".join(words))
-        return found.lower()
-
-    def number(self, wanted: str) -> float:
-        return self.value(self.next(wanted), wanted)
-
-    def value(self, found: str, wanted: str) -> float:
-        try:
-            value = float(found)
-        except ValueError:
-            value = np.nan
-        if not abs(value) < 1e12:
-            raise self.bad(found, wanted)
-        return value
-
-    def count(self, wanted: str) -> int:
-        value = self.number(wanted)
-        if value < 0 or value != int(value):
-            raise self.bad(f"{value:g}", wanted)
-        return int(value)
-
-    def vector(self) -> FloatArray:
-        return np.array([self.number("an offset's number") for _ in range(3)])
-
-
 def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     """Read a motion into metres, Z up.
 
@@ -185,20 +123,28 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     Raises:
         FormatError: malformed; the message names the line.
     """
+    return read_bvh_file(path, metres_per_unit)[0]
+
+
+def read_bvh_file(path: Path, metres_per_unit: float = 1.0) -> tuple[Motion, tuple[str, ...]]:
+    """As `read_bvh`, with what was assumed in reading, one sentence each."""
     path = Path(path)
-    try:
+    with parsing(path, FormatError, "a BVH"):
         text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing BVH file") from error
-    words = _Words(path, text)
+        words = BvhWords(path, text)
+        return _read(words, metres_per_unit), tuple(words.notices)
+
+
+def _read(words: BvhWords, metres_per_unit: float) -> Motion:
     words.expect("HIERARCHY")
     words.expect("ROOT")
-    joints: list[_Joint] = []
-    _read_joints(words, joints)
+    joints: list[BvhJoint] = []
+    read_joints(words, joints)
     while words.expect("MOTION", "ROOT") == "root":
-        _read_joints(words, joints)
-    values, fps = _read_values(words, sum(len(j.channels or ()) for j in joints))
-    places, quat_xyzw = _split_channels(joints, values)
+        read_joints(words, joints)
+    name_apart(words, joints)
+    values, fps = read_values(words, sum(len(j.channels or ()) for j in joints))
+    places, quat_xyzw = _split_channels(words, joints, values)
     quat_xyzw[..., :3] = quat_xyzw[..., :3] @ BVH_FROM_WORLD
     still = np.array([j.offset for j in joints])
     sliding = tuple(j for j in range(1, len(joints)) if j in places or joints[j].parent < 0)
@@ -225,106 +171,9 @@ def read_bvh(path: Path, metres_per_unit: float = 1.0) -> Motion:
     return Motion(skeleton, fps, places[0] @ BVH_FROM_WORLD * metres_per_unit, quat, translations)
 
 
-def _read_joints(words: _Words, joints: list[_Joint]) -> None:
-    """The hierarchy, after the word ROOT to the brace that closes it; not recursive, so depth is no
-    risk."""
-    open_joints: list[int] = []
-    while True:
-        name = words.next("a joint's name")
-        line = words.line
-        after = words.next("{")
-        while after != "{":  # names with spaces
-            if words.line != line or after == "}":
-                raise words.bad(after, "{")
-            name, after = f"{name}_{after}", words.next("{")
-        if name in (j.name for j in joints):
-            raise FormatError(f"{words.path}: line {line}: the joint {name!r} appears twice; rename one of them")
-        joints.append(_Joint(name, open_joints[-1] if open_joints else -1, line))
-        open_joints.append(len(joints) - 1)
-        while True:
-            joint = joints[open_joints[-1]]
-            word = words.expect("OFFSET", "CHANNELS", "JOINT", "End", "}")
-            if word == "joint":
-                break
-            if word == "offset":
-                joint.offset = words.vector()
-            elif word == "channels":
-                joint.channels = _read_channels(words)
-            elif word == "end":
-                joint.tip = _read_end_site(words)
-            else:
-                if joint.offset is None:
-                    raise FormatError(
-                        f"{words.path}: line {joint.line}: the joint {joint.name!r} has no OFFSET; add one"
-                    )
-                open_joints.pop()
-                if not open_joints:
-                    return
-
-
-def _read_channels(words: _Words) -> tuple[str, ...]:
-    count = words.count("the number of channels")
-    valid = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in _AXES]
-    channels = tuple(words.expect(*valid) for _ in range(min(count, 7)))
-    if count > 6 or len(set(channels)) != count:
-        raise words.bad(f"{count} channels", "at most six different ones")
-    return channels
-
-
-def _read_end_site(words: _Words) -> FloatArray:
-    words.expect("Site")
-    while words.next("{") != "{":  # some give the end site a name
-        pass
-    words.expect("OFFSET")
-    tip = words.vector()
-    words.expect("}")
-    return tip
-
-
-def _read_values(words: _Words, channels: int) -> tuple[FloatArray, float]:
-    """(T, channels) and frames per second, after the word MOTION."""
-    words.expect("Frames:")
-    frames = words.count("the number of frames")
-    words.expect("Frame")
-    words.expect("Time:")
-    text = words.next("the seconds of a frame")
-    seconds = words.value(text, "the seconds of a frame")
-    if seconds <= 0:
-        raise words.bad(f"{seconds:g}", "a frame time above zero")
-    if frames * max(channels, 1) > words.size:
-        raise FormatError(
-            f"{words.path}: announces {frames} frames of {channels} numbers, more than it can hold; is it cut off?"
-        )
-    values = np.empty((frames, channels))
-    for t in range(frames):
-        begun = 0
-        for c in range(channels):
-            values[t, c] = words.number(f"number {c + 1} of {channels} of frame {t + 1}")
-            begun = begun or words.line
-            if words.line != begun:
-                raise FormatError(
-                    f"{words.path}: line {begun} has {c} numbers, but the {channels} channels need as many; "
-                    "correct the line"
-                )
-    if words.more():
-        raise FormatError(
-            f"{words.path}: line {words.line}: more follows the {frames} frames that the file announces; correct "
-            "Frames:"
-        )
-    return values, _rate(text, seconds)
-
-
-def _rate(text: str, seconds: float) -> float:
-    """Frames per second: a whole number where the text is its rounded or truncated reciprocal."""
-    fps = 1 / seconds
-    whole, last = float(max(round(fps), 1)), Decimal(text).as_tuple().exponent
-    decimals = -last if isinstance(last, int) else 0
-    ulp = 10.0**-decimals
-    rounded = ulp < 2 * _PRECISE * seconds and -ulp < seconds - 1 / whole <= 0.5 * ulp
-    return whole if rounded or abs(fps - whole) < 2e-5 * fps else fps
-
-
-def _split_channels(joints: list[_Joint], values: FloatArray) -> tuple[dict[int, FloatArray], FloatArray]:
+def _split_channels(
+    words: BvhWords, joints: list[BvhJoint], values: FloatArray
+) -> tuple[dict[int, FloatArray], FloatArray]:
     """Positions (T, 3) of the roots and of joints that slide, and rotations (T, J, 4) xyzw, in the file's axes.
 
     Position channels of other joints replace their OFFSET in `joints`.
@@ -333,6 +182,7 @@ def _split_channels(joints: list[_Joint], values: FloatArray) -> tuple[dict[int,
     quat = np.zeros((t_count, len(joints), 4))
     quat[..., 3] = 1.0
     places: dict[int, FloatArray] = {}
+    stated: dict[int, FloatArray] = {}
     column = 0
     for j, joint in enumerate(joints):
         names = joint.channels or ()
@@ -343,14 +193,29 @@ def _split_channels(joints: list[_Joint], values: FloatArray) -> tuple[dict[int,
             order = "".join(names[k][0] for k in turning).upper()
             angles = mine[:, turning] if len(turning) > 1 else mine[:, turning[0]]
             quat[:, j] = Rotation.from_euler(order, angles, degrees=True).as_quat().reshape(t_count, 4)
-        assert joint.offset is not None
-        place = np.tile(joint.offset, (t_count, 1))
+        place = np.tile(offset_of(joint), (t_count, 1))
         for k, name in enumerate(names):
             if name.endswith("position"):
-                place[:, _AXES.index(name[0])] = mine[:, k]
+                place[:, AXES.index(name[0])] = mine[:, k]
+        stated[j] = place
+    unused = _unused(joints, stated)
+    if unused:
+        words.notice("the position channels of its joints are zero in all frames: unused, so their OFFSET holds")
+    for j, joint in enumerate(joints):
+        place = np.tile(offset_of(joint), (t_count, 1)) if j in unused else stated[j]
         # A few units of the last printed decimal are not a movement.
         if joint.parent < 0 or t_count and (np.ptp(place, axis=0) > _STILL * np.maximum(1.0, abs(place).max(0))).any():
             places[j] = place
         elif t_count:
             joint.offset = np.median(place, axis=0)
     return places, quat
+
+
+def _unused(joints: list[BvhJoint], places: dict[int, FloatArray]) -> set[int]:
+    """Joints that position channels would put onto their parents in all frames, if no such channel says otherwise."""
+    moved = {
+        j for j, joint in enumerate(joints)
+        if joint.parent >= 0 and any(c.endswith("position") for c in joint.channels or ())
+        and len(places[j]) and np.abs(places[j] - offset_of(joint)).max() > _STILL
+    }  # fmt: skip
+    return moved if all(not places[j].any() for j in moved) else set()

@@ -1,11 +1,12 @@
 """OpenSim's `.mot`: a text table of coordinates over time (see `opensim` for which they are), angles in degrees."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.skeletal.opensim import Coordinates, coordinates_of
@@ -36,17 +37,43 @@ def write_mot(path: Path, motion: Motion) -> None:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
+@dataclass(frozen=True)
+class StorageTable:
+    """A storage file whose numbers are still text.
+
+    Attributes:
+        path: of the file.
+        facts: of its header, in small letters.
+        names: of the columns but the first, which is the time.
+        lines: of the file.
+        first: of the lines, the one after the names.
+    """
+
+    path: Path
+    facts: dict[str, str]
+    names: tuple[str, ...]
+    lines: list[str]
+    first: int
+
+
 def read_mot(path: Path) -> Coordinates:
     """Read a table of coordinates.
 
     Raises:
         FormatError: malformed; the message names the line.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror}); give an existing .mot file") from error
+    with parsing(path, FormatError, "an OpenSim storage file"):
+        return coordinates_in(open_table(Path(path)))
+
+
+def open_table(path: Path) -> StorageTable:
+    """The header and the columns' names of a storage file.
+
+    Raises:
+        FormatError: malformed.
+        OSError: it cannot be read.
+    """
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
@@ -59,30 +86,47 @@ def read_mot(path: Path) -> Coordinates:
         raise FormatError(f"{path}: line {(at or end) + 1} must name the columns, `time` first; export it again")
     if len(set(names)) != len(names):
         raise FormatError(f"{path}: line {at + 1} names a column twice; rename one of them")
-    rows = []
-    for number, line in enumerate(lines[at + 1 :], start=at + 2):
-        if line.strip():
-            rows.append(_row(path, number, line.split(), len(names)))
-    stated = facts.get("nrows", str(len(rows)))
+    return StorageTable(path, facts, tuple(names[1:]), lines, at + 1)
+
+
+def coordinates_in(table: StorageTable) -> Coordinates:
+    """The coordinates of a table; FormatError where a row is malformed or the times do not rise."""
+    rows = rows_of(table)
+    values = rows[:, 1:]
+    if table.facts.get("indegrees", "yes") == "yes":
+        values = np.where([_is_length(n) for n in table.names], values, np.radians(values))
+    return Coordinates(table.names, rows[:, 0], values)
+
+
+def rows_of(table: StorageTable, width: int = 1) -> FloatArray:
+    """(T, 1 + N width) numbers: the time, and `width` for each column, which only vectors may lack (NaN).
+
+    Raises:
+        FormatError: a row is malformed, rows are missing, or the times do not rise.
+    """
+    path = table.path
+    rows = [_row(path, number, line.split(), len(table.names), width)
+            for number, line in enumerate(table.lines[table.first :], table.first + 1) if line.strip()]  # fmt: skip
+    stated = table.facts.get("nrows", str(len(rows)))
     if not rows or stated != str(len(rows)):
-        raise FormatError(f"{path}: announces {stated} rows and has {len(rows)}; is it cut off?")
-    table = np.array(rows)
-    if (np.diff(table[:, 0]) <= 0).any():
+        raise FormatError(f"{path}: announces {stated[:20]} rows and has {len(rows)}; is it cut off?")
+    out = np.array(rows)
+    if (np.diff(out[:, 0]) <= 0).any():
         raise FormatError(f"{path}: its times do not rise; sort the rows")
-    values = table[:, 1:]
-    if facts.get("indegrees", "yes") == "yes":
-        values = np.where([_is_length(n) for n in names[1:]], values, np.radians(values))
-    return Coordinates(tuple(names[1:]), table[:, 0], values)
+    return out
 
 
-def _row(path: Path, number: int, cells: list[str], count: int) -> FloatArray:
+def _row(path: Path, number: int, cells: list[str], count: int, width: int) -> FloatArray:
+    parts = cells[:1] + [part for cell in cells[1:] for part in cell.split(",")]
     try:
-        row = np.array([float(c) for c in cells])
+        row = np.array([float(part) for part in parts])
     except ValueError:
         row = np.full(1, np.nan)
-    if len(row) != count or not (np.abs(row) < 1e12).all():
-        raise FormatError(f"{path}: line {number} must have {count} finite numbers; correct the line")
-    return row
+    known = np.abs(row) < 1e12
+    if len(cells) != 1 + count or len(row) != 1 + count * width or not (known[0] if width > 1 else known.all()):
+        wanted = f"{1 + count} finite numbers" if width == 1 else f"a time and {count} vectors of {width} numbers"
+        raise FormatError(f"{path}: line {number} must have {wanted}; correct the line")
+    return np.where(known, row, np.nan)
 
 
 def _is_length(name: str) -> bool:

@@ -43,6 +43,15 @@ _JOINTS: dict[str, tuple[str, tuple[str, str, str], tuple[int, int, int], tuple[
 _PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 _LUMBAR = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
 _PLACE = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+# Names of the model's coordinates that a motion of ours is written to and read from.
+MODEL_COORDINATES = frozenset(
+    (
+        *_PELVIS,
+        *_LUMBAR,
+        *_PLACE,
+        *(f"{n}_{s}" for _, names, _, _ in _JOINTS.values() for n in names if n for s in "rl"),
+    )
+)
 
 
 @dataclass(frozen=True, eq=False)

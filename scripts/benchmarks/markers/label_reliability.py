@@ -125,7 +125,11 @@ def main() -> None:
     network = LabelNetwork(shipped_model("labels"))
     real = [person for _, person in recordings()] if a.only != "made" else []
     card = network.card
-    made = [] if a.only == "recorded" else made_people(a.people, 11 if a.fit else 21, card.distance_m, card.motion_m, ASKED)
+    made = (
+        []
+        if a.only == "recorded"
+        else made_people(a.people, 11 if a.fit else 21, card.distance_m, card.motion_m, ASKED)
+    )
     if a.fit:
         fit([made, real], a.trials, network)
         return

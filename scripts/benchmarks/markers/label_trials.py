@@ -249,7 +249,11 @@ def _floor(at: FloatArray, labels: list[str], rng: np.random.Generator) -> Float
     """A puck that glides, and a marker that lies beside."""
     low = np.nanmin(at[..., 2])
     middle = np.nanmean(at, (0, 1)) * [1, 1, 0] + [0, 0, low + 0.03]
-    path = middle + rng.normal(0, 0.5, 3) * [1, 1, 0] + np.outer(np.linspace(-1, 1, len(at)), rng.normal(0, 1, 3) * [1, 1, 0])
+    path = (
+        middle
+        + rng.normal(0, 0.5, 3) * [1, 1, 0]
+        + np.outer(np.linspace(-1, 1, len(at)), rng.normal(0, 1, 3) * [1, 1, 0])
+    )
     return np.stack([path, np.tile(middle + [0.6, 0.4, 0.0], (len(at), 1))], 1)
 
 

@@ -28,20 +28,24 @@ N_PARAMS = dict(
     SIMPLE_DIVISION=4, DIVISION=5, SIMPLE_FISHEYE=3, FISHEYE=4, EUCM=6,
 )  # fmt: skip
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+SINGLE_FOCAL = [m for m in N_PARAMS if m.startswith("SIMPLE") or m.startswith("RADIAL")]
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
 
 
 @st.composite
 def any_camera(draw: st.DrawFn, name: str) -> Camera:
     model = draw(st.sampled_from(CAMERA_MODELS))
-    focal = draw(st.lists(st.floats(1e-300, 1e300), min_size=2, max_size=2))
-    params = (*focal, *draw(st.lists(finite, min_size=N_PARAMS[model], max_size=N_PARAMS[model])))
+    sides = draw(st.integers(2, 100_000)), draw(st.integers(2, 100_000))
+    focal = st.floats(0.01, 1000.0).map(lambda ratio: max(ratio * max(sides), 0.01 * max(sides)))
+    term = st.floats(-1e6, 1e6)
+    focals = 1 if model in SINGLE_FOCAL else 2
+    middle = [side / 2 + draw(st.floats(-9.9, 9.9)) * max(sides) for side in sides]
+    params = [draw(focal) for _ in range(focals)] + middle
+    params += [draw(term) for _ in range(N_PARAMS[model] - len(params))]
     vector = np.array(draw(st.lists(st.floats(-4, 4), min_size=3, max_size=3)))
-    translation = draw(st.lists(finite, min_size=3, max_size=3))
+    translation = draw(st.lists(st.floats(-500, 500), min_size=3, max_size=3))
     pose = np.column_stack([cv2.Rodrigues(vector)[0], translation])
-    size = st.integers(1, 1_000_000)
-    return Camera(name, model, draw(size), draw(size), params[: N_PARAMS[model]], pose)
+    return Camera(name, model, *sides, tuple(params), pose)
 
 
 @st.composite

@@ -12,6 +12,7 @@ from muybridge.errors import CalibrationError
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.calibration.board.board import Board, BoardDetector, fitting_descriptions
 from muybridge.geometry.calibration.board.extrinsics import calibrate_rig
+from muybridge.geometry.calibration.board.intrinsics import calibrate_lens, usable
 from muybridge.geometry.calibration.board.pdf import PAPERS, board_pdf, board_rectangles
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.numerics.rotations import exp_so3
@@ -308,6 +309,19 @@ def test_halves_of_the_moments_agree(webcams):
         some = {n: {t: v for t, v in mine.items() if t % 2 == half} for n, mine in views.items()}
         halves.append(distances(calibrate_rig(board, some, sizes).cameras))
     assert np.abs(halves[0] / halves[1] - 1).max() < 0.01
+
+
+@pytest.mark.slow
+def test_halves_of_the_moments_differ_by_what_is_told(webcams):
+    board, views, sizes = webcams
+    scores = []
+    for name, mine in views.items():
+        fit = {t: v for t, v in sorted(mine.items()) if usable(board, [v])}
+        times = list(fit)
+        halves = [calibrate_lens(name, board, {t: fit[t] for t in times[k::2]}, sizes[name]) for k in (0, 1)]
+        (a, b), (u, v) = zip(*((h.camera.params, np.diag(h.result.covariances[0])[:8]) for h in halves), strict=True)
+        scores.append((np.array(a) - b) / np.sqrt(u + v))
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
 def test_wrong_descriptions_of_a_filmed_board(real_data):

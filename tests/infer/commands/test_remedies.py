@@ -16,11 +16,7 @@ LOWER_LAYERS = ("geometry", "models", "motion")
 FOLDERS = (*LOWER_LAYERS, "infer", "train", ".root/muybridge")
 FLAG = re.compile(r"(?<![\w-])--[a-z]|`muybridge ")
 # Files that still name flags or commands; they only ever become fewer.
-STILL_NAME_FLAGS = {
-    "geometry/calibration/people/calibrate.py",
-    "geometry/calibration/people/initialise.py",
-    "geometry/calibration/people/world.py",
-}
+STILL_NAME_FLAGS: set[str] = set()
 
 
 def sources(repository: Path, folders: tuple[str, ...]) -> Iterator[tuple[str, ast.Module]]:

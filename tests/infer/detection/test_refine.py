@@ -62,7 +62,7 @@ def look(demo, folder: Path, hung: float | None = None, **options: float) -> Top
         tracks = CameraTracks(by_name([body]), np.full((len(px), 1, 4), np.nan), np.where(known.any(-1), 0, -1))
         upright = FrameOrientation(session.cameras[c].width, session.cameras[c].height, hung or 0.0)
         facts = {"frames_width_height_angle_and_long_side": [upright.width, upright.height, upright.angle, 320]}
-        arrays = {"repeats": np.zeros(tracks.frames, dtype=bool)}
+        arrays = {name: np.zeros(tracks.frames, dtype=bool) for name in ("repeats", "unreadable")}
         if hung is not None:
             frames = next(iter(read_chunks(session.videos[c])))
             arrays["plate"] = Letterbox(upright, 320).apply(frames[-1])

@@ -19,7 +19,7 @@ FPS, COUNT = 30.0, len(BODY23)
 def session(frames, late=None, index=None):
     return SimpleNamespace(
         frame_indices=np.arange(frames)[None] if index is None else np.array(index)[None], fps=FPS,
-        late=None if late is None else np.array(late, float)[None],
+        late=None if late is None else np.array(late, float)[None], ended=None,
         videos=(SimpleNamespace(path=SimpleNamespace(name="cam1.mp4")),),
     )  # fmt: skip
 

@@ -261,7 +261,10 @@ def _cut(path: Path) -> None:
         (lambda f, _: (f / "videos/cam2.mp4").unlink(), ["no video for camera cam2", "--cameras cam1 cam3"]),
         (lambda f, video: video(f / "videos/extra.mp4"), ["no camera for video extra", "name each video"]),
         (lambda f, _: (f / "calibration.toml").write_text("width = [1,"), ["calibration.toml"]),
-        (lambda f, _: (f / "calibration.toml").unlink(), ["no calibration", "--calibration"]),
+        (
+            lambda f, _: (f / "calibration.toml").unlink(),
+            ["no calibration", "--calibration", "calibrate board RECORDINGS"],
+        ),
         (
             lambda f, _: [(f / "videos" / n).unlink() for n in ("cam1.mp4", "cam2.mp4")],
             ["one video (cam3.mp4)", "two cameras"],

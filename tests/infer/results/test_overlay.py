@@ -1,5 +1,6 @@
 """The overlay video: what is drawn where, in which colour, and that a browser can play it."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from muybridge.errors import OutputError, VideoError
 from muybridge.geometry.landmarks.sets import BODY23, side_of
+from muybridge.infer.report.templates import SIDES_ON_DARK, SIDES_ON_LIGHT, page_style, read_asset
 from muybridge.infer.results.overlay import OverlayOptions, write_overlay
 from muybridge.infer.results.overlay_drawing import (
     LEFT,
@@ -137,6 +139,32 @@ def test_video_plays_back_with_figure_in_place(tmp_path: Path) -> None:
     assert set(result.thumbnails) == {0, 5}
     decoded = cv2.imdecode(np.frombuffer(result.thumbnails[5], np.uint8), cv2.IMREAD_COLOR)
     assert decoded.shape[:2] == (242, 322)
+
+
+def test_equal_runs_write_equal_bytes(tmp_path: Path) -> None:
+    points = _spread_points(20)
+    rng = np.random.default_rng(4)
+    frames = rng.integers(0, 255, (20, 120, 160, 3)).astype(np.uint8)
+    written = []
+    for name in ("a.mp4", "b.mp4"):
+        write_overlay(tmp_path / name, frames, 0.25, _data(points, points))
+        written.append((tmp_path / name).read_bytes())
+    assert written[0] == written[1]
+    # x264 writes its settings into the file: with threads of its own choice they depend on the machine.
+    assert re.findall(rb" threads=(\d+)", written[0]) == [b"1"]
+
+
+def test_left_and_right_have_one_colour_each_everywhere() -> None:
+    assert "#{:02x}{:02x}{:02x}".format(*LEFT) == SIDES_ON_DARK["left"]
+    assert "#{:02x}{:02x}{:02x}".format(*RIGHT) == SIDES_ON_DARK["right"]
+    style = page_style()
+    for side in ("left", "right"):
+        assert re.findall(rf"--{side}: (#\w+);", style) == [SIDES_ON_LIGHT[side], SIDES_ON_DARK[side]]
+        assert re.findall(rf"--{side}-on-dark: (#\w+);", style) == [SIDES_ON_DARK[side]]
+    script = read_asset("label.js")  # draws on a dark canvas
+    assert 'side === "L" ? LEFT : side === "R" ? RIGHT' in script and "-on-dark" in script
+    red, _, blue = (int(SIDES_ON_LIGHT["left"][k : k + 2], 16) for k in (1, 3, 5))
+    assert red > blue, "the left is warm, as the pages say"
 
 
 def test_thumbnails_are_shrunk(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ import pytest
 from muybridge.errors import CalibrationError, MuybridgeError, SessionError, VideoError
 from muybridge.geometry.calibration import export_calibration, load_calibration
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.discover import find_videos
+from muybridge.infer.session.discover import find_videos, select_cameras
 from muybridge.infer.session.pairing import match_cameras, natural_key
-from muybridge.infer.session.session import SessionOptions, open_session
+from muybridge.infer.session.session import SessionOptions, open_session, with_frames
+from tests.rigs import ring_of_cameras
 
 HERE, FILE = Path("session"), Path("session/calibration.toml")
 
@@ -61,6 +62,27 @@ def test_without_common_names_the_order_decides_and_is_reported():
     videos, said = paired(["GX010019", "GX010020", "GX010101"], ["c10", "c9", "b"])
     assert videos == ["GX010101", "GX010020", "GX010019"]
     assert len(said) == 1 and "c10 = GX010101, c9 = GX010020, b = GX010019" in said[0]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_cameras_and_videos_counted_from_different_numbers_are_never_paired_with_neighbours(first):
+    names, stems = ([f"cam{k}" for k in range(start, start + 4)] for start in (first, 1 - first))
+    with pytest.raises(SessionError) as caught:
+        match_cameras(stems, names, HERE, FILE)
+    said = str(caught.value)
+    assert "--cameras" not in said
+    assert f"rename {stems[0]} to {names[0]}, {stems[1]} to {names[1]}, {stems[2]} to {names[2]}" in said
+    group = ring_of_cameras(names, size=(64, 48), model="PINHOLE", params=[(60.0, 60.0, 31.5, 23.5)] * 4)
+    with pytest.raises(SessionError, match=f"numbered differently; .*{stems[3]} to {names[3]}"):
+        select_cameras(group, [Path(f"{s}.mp4") for s in stems], tuple(names[1:3]), FILE)
+
+
+def test_a_proposal_never_pairs_neighbours():
+    with pytest.raises(SessionError, match="counted from different numbers") as caught:
+        match_cameras(["cam1", "cam2", "cam3", "cam4", "cam5"], ["cam0", "cam1", "cam2", "cam3"], HERE, FILE)
+    assert "--cameras" not in str(caught.value)
+    with pytest.raises(SessionError, match="--cameras cam1 cam2"):
+        match_cameras(["cam1", "cam2"], ["cam1", "cam2", "cam3"], HERE, FILE)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +131,53 @@ def test_different_lengths_leave_the_common_part(make_session, make_video):
     session = open_session(folder)
     assert session.frames == 14
     assert any("cam2.mp4 14" in text and "first 14 frames" in text for text in session.notices)
+
+
+def test_a_take_goes_on_when_one_camera_stops_early(make_session, make_video):
+    folder = make_session(frames=50)
+    make_video(folder / "videos" / "cam2.mp4", frames=20)
+    session = open_session(folder)
+    assert session.frames == 50
+    assert [session.lasts(c) for c in range(3)] == [50, 20, 50]
+    assert session.ended is not None and session.ended[1].tolist() == [False] * 20 + [True] * 30
+    assert session.frame_indices[1].tolist() == [*range(20), *[19] * 30]
+    said = [text for text in session.notices if "cam2.mp4 at frame 20 of the take ends early" in text]
+    assert len(said) == 1 and "other cameras are used from there" in said[0]
+    part = with_frames(session, np.arange(10, 30, 5))
+    assert part.lasts(1) == 2 and part.frames == 4
+
+
+def test_two_cameras_end_together(make_session, make_video):
+    folder = make_session(["cam1", "cam2"], frames=50)
+    make_video(folder / "videos" / "cam2.mp4", frames=20)
+    session = open_session(folder)
+    assert session.frames == 20 and session.ended is None
+
+
+def test_slow_motion_of_a_phone_is_named(make_session, make_video):
+    folder = make_session(frames=12)
+    path = make_video(folder / "videos" / "cam2.mp4", frames=12)
+    source = path.rename(folder / "source.mp4")
+    with av.open(str(source)) as given, av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as out:
+        out.metadata["com.android.capture.fps"] = "240.000000"
+        stream = out.add_stream_from_template(given.streams.video[0])
+        for packet in given.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                out.mux(packet)
+    with pytest.raises(
+        SessionError, match=r"cam2.mp4 \(recorded at 240 fps, slowed to 30\); .*-itsscale 0.125 -i cam2"
+    ):
+        open_session(folder)
+
+
+def test_a_video_eight_times_as_long_is_suspected(make_session, make_video):
+    folder = make_session(frames=12)
+    make_video(folder / "videos" / "cam2.mp4", frames=96)
+    said = [text for text in open_session(folder).notices if "slow motion" in text]
+    assert len(said) == 1 and "cam2.mp4 lasts 8 times as long as the others" in said[0]
+    make_video(folder / "videos" / "cam2.mp4", frames=72)
+    assert not [text for text in open_session(folder).notices if "slow motion" in text]
 
 
 def test_different_frame_rates_are_paired_by_time(make_session, make_video):

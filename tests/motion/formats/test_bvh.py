@@ -14,8 +14,10 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.registry import ReadOptions, read_file
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
-from tests.paths import SHARED
+from muybridge.motion.formats.skeletal.bvh_units import read_bvh_take
+from tests.paths import DATA, SHARED
 
 CMU = SHARED / "data" / "motion" / "01_01.bvh"
 
@@ -187,12 +189,11 @@ def test_good_small_file_and_its_variants(tmp_path):
         ("CHANNELS 3 Zrotation", "CHANNELS 2 Zrotation", "line 9: 'Yrotation'"),
         ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Xrotation Xrotation", "line 9"),
         ("CHANNELS 3 ", "CHANNELS -3 ", "line 9"),
-        ("JOINT head", "JOINT hips", "line 6: the joint 'hips' appears twice"),
         ("\n}\nMOTION", "\nMOTION", "'MOTION' found where"),
         ("MOTION", "MOTIONS", "'MOTIONS' found where MOTION"),
         ("Frames: 2", "Frames: two", "line 17: 'two'"),
-        ("Frames: 2", "Frames: 3", "ends after line 20"),
-        ("Frames: 2", "Frames: 1", "line 20: more follows the 1 frames"),
+        ("Frames: 2", "Frames: 4", "ends after line 20, where frame 3 of 4 must follow"),
+        ("0 1 0 0 0 0 90 0 0\n", "0 1 0 0 0 0 90 0 0\n" * 3, "line 22: more follows the 2 frames"),
         ("Time: 0.02", "Time: 0", "line 18: '0'"),
         ("0 1 0 0 0 0 90 0 0", "0 1 0 0 0 0 90 0", "line 19 has 8 numbers"),
         ("0 1 0 0 0 0 90 0 0", "0 1 0 0 0 0 90 x 0", "line 19: 'x'"),
@@ -313,3 +314,68 @@ def test_several_roots(tmp_path):
     np.testing.assert_allclose(motion.forward()[:, count:], one.forward(), atol=1e-12)
     write_bvh(tmp_path / "again.bvh", motion)
     np.testing.assert_allclose(read_bvh(tmp_path / "again.bvh").forward(), motion.forward(), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("announced", "says"), [(1, "announces 1 frames and has 2"), (3, "announces 3 frames and has 2")]
+)
+def test_one_frame_more_or_less_than_announced_is_read_and_said(tmp_path, announced):
+    path = tmp_path / "x.bvh"
+    path.write_text(GOOD.replace("Frames: 2", f"Frames: {announced}"))
+    take = read_bvh_take(path)
+    assert len(take.motion) == 2 and f"announces {announced} frames and has 2" in take.notices[0]
+
+
+def test_joints_of_one_name_are_told_apart_and_said(tmp_path):
+    path = tmp_path / "x.bvh"
+    path.write_text(GOOD.replace("JOINT head", "JOINT hips"))
+    take = read_bvh_take(path)
+    assert take.motion.skeleton.names == ("hips", "hips_2")
+    assert take.notices == ("x.bvh: names that appear more than once were made unique: hips_2 for the next hips",)
+
+
+def test_frame_times_in_milliseconds_are_noticed(tmp_path):
+    path = tmp_path / "x.bvh"
+    path.write_text(GOOD.replace("Time: 0.02", "Time: 33.3"))
+    take = read_bvh_take(path)
+    assert take.motion.fps == 30 and "33.3, is taken to be milliseconds" in take.notices[0]
+
+
+def test_unused_position_channels_keep_the_offsets(tmp_path):
+    path = tmp_path / "x.bvh"
+    channels = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    text = GOOD.replace("CHANNELS 3 Zrotation Xrotation Yrotation", channels)
+    text = text.replace("90 0 0\n", "0 0 0 90 0 0\n").replace("0 90 0\n", "0 0 0 0 90 0\n")
+    path.write_text(text)
+    take = read_bvh_take(path)
+    assert any("their OFFSET holds" in n for n in take.notices)
+    np.testing.assert_allclose(take.motion.joint_positions_world(), [[[0, 0, 1], [0, 0, 2]]] * 2, atol=1e-12)
+    path.write_text(text.replace("0 0 0 0 90 0\n", "0 0.5 0 0 90 0\n"))  # one frame uses them: they are positions
+    take = read_bvh_take(path)
+    assert not take.notices and take.motion.skeleton.sliding == (1,)
+
+
+@pytest.mark.parametrize(
+    ("case", "given", "tall", "says"),
+    [
+        ("bvh_decimetres_inches/dance1.bvh", None, 1.593, "taken to be 0.1 m (dm)"),
+        ("bvh_decimetres_inches/dance1.bvh", "dm", 1.593, ""),
+        ("bvh_decimetres_inches/bvh_test1.bvh", None, 1.626, "taken to be 0.0254 m (in)"),
+        ("bvh_decimetres_inches/bvh_test1.bvh", "in", 1.626, ""),
+        (
+            "bvh_zero_positions/zero_positions.bvh",
+            None,
+            0.0254 * (3.937 + 15.75 + 4.724 + 16.54 + 16.14),
+            "their OFFSET holds",
+        ),
+    ],
+)
+def test_files_of_other_units_and_unused_channels(case, given, tall, says):
+    path = DATA / "cases" / case
+    if not path.exists():
+        pytest.skip(f"{path} is absent")
+    take = read_file(path, ReadOptions(units=given))
+    rest = take.motion.skeleton.rest_positions
+    ends = np.concatenate([rest, (rest + take.motion.skeleton.tips)])
+    assert np.nanmax(np.ptp(ends[np.isfinite(ends).all(1)], axis=0)) == pytest.approx(tall, abs=2e-3)
+    assert says in " ".join(take.notices) and bool(take.notices) == bool(says)

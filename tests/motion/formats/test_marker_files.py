@@ -1,10 +1,12 @@
 """Files of unnamed points, marker sets of one's own, corrections."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from muybridge.errors import FormatError
-from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, plan_of
+from muybridge.geometry.landmarks.marker_sets import SETS, SURFACE, MarkerDistances, plan_of
 from muybridge.infer.labelling.corrections import apply_corrections, read_corrections
 from muybridge.motion.formats.points.marker_protocol import find_marker_set, read_marker_set, write_marker_set
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
@@ -113,13 +115,15 @@ def test_csv_with_a_header_and_vicons_export(tmp_path, points):
 
 def test_known_sets_stand_on_points_of_the_body_and_have_twins():
     assert {name: len(s) for name, s in SETS.items()} == {
-        "pig39": 39, "pig37": 37, "pig35": 35, "pig43": 43, "cmu41": 41, "lower16": 16, "lower22": 22}  # fmt: skip
+        "pig39": 39, "pig37": 37, "pig35": 35, "pig43": 43, "cmu41": 41, "lower16": 16, "lower22": 22,
+        "gait2354": 41, "rajagopal": 44, "opencap": 37}  # fmt: skip
     for markers in SETS.values():
         plan = plan_of(markers)
         assert set(markers.names) <= set(SURFACE.names) and len(set(markers.names)) == len(markers)
         for i, twin in enumerate(plan.twins):
             assert plan.twins[twin] == i
-            assert (twin == i) == (markers.labels[i][0] not in "LR" or markers.labels[i] in ("RBAK", "RBAC"))
+            sided = markers.labels[i][0] in "LRr" and markers.labels[i] not in ("RBAK", "RBAC")
+            assert (twin == i) == (not sided)
 
 
 def test_a_set_of_ones_own_round_trips(tmp_path):
@@ -138,12 +142,42 @@ def test_a_set_of_ones_own_round_trips(tmp_path):
     ("LASI left_hip\n", "line 1: no body point 'left_hip'"), ("LASI\n", "is alone on its line"),
     ("A c7\nB c7\n", "line 2: 'c7' appears twice"), ("A c7 colour=red\n", "colour=red"),
     ("A c7 jitter=-3\n", "jitter"), ("A c7\nB t10\n", "at least 6"),
+    ("distance A B 3\n", "line 7: 3 words after"), ("distance A Q 3 1\n", "line 7: Q, of a distance"),
+    ("distance A A 3 1\n", "line 7: a distance from A"), ("distance A B 9e9 1\n", "line 7: the distance, 9e9"),
+    ("distance A B 30 x\n", "line 7: the spread, x"), ("Z near=3 c7\n", "line 7: no body point 'near=3'"),
+    ("Z crown near=3\n", "line 7: 'near=3' is not"), ("\0\n", "line 7: '.x00' is alone"),
     ("A c7 mirror=Z\nB t10\nC left_asis\nD right_asis\nE left_heel\nF right_heel\n", "mirror of A"),
 ])  # fmt: skip
 def test_faults_of_a_set_are_named_with_their_line(tmp_path, text, what):
-    (tmp_path / "our.txt").write_text(text)
-    with pytest.raises(FormatError, match=what):
+    six = "A c7\nB t10\nC left_asis\nD right_asis\nE left_heel\nF right_heel\n"
+    (tmp_path / "our.txt").write_text(six + text if "line 7" in what else text)
+    with pytest.raises(FormatError, match=what) as caught:
         read_marker_set(tmp_path / "our.txt")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00\xd8", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), b""])
+def test_what_is_no_text_is_refused_as_a_set_and_as_corrections(tmp_path, content):
+    (tmp_path / "our.txt").write_bytes(content)
+    with pytest.raises(FormatError, match="our.txt: "):
+        read_marker_set(tmp_path / "our.txt")
+    if content:
+        with pytest.raises(FormatError, match="our.txt: "):
+            read_corrections(tmp_path / "our.txt")
+
+
+def test_a_set_of_one_person_keeps_distances_and_what_is_beside_its_point(tmp_path):
+    mean = np.full((16, 16), np.nan)
+    mean[0, 1] = mean[1, 0] = 0.2431
+    markers = replace(SETS["lower16"], near=("LTHI", "RTHI"))
+    plan = replace(plan_of(markers), distances=MarkerDistances(mean, mean / 100))
+    write_marker_set(tmp_path / "one.txt", plan)
+    again = read_marker_set(tmp_path / "one.txt")
+    assert again.markers.near == ("LTHI", "RTHI") and again.optional.tolist() == plan.optional.tolist()
+    np.testing.assert_allclose(again.distances.mean_m, mean, atol=5e-5)
+    np.testing.assert_allclose(again.distances.sigma_m, mean / 100, atol=5e-5)
+    (tmp_path / "d.txt").write_text("distance c7\n" + "\n".join(f"{p} {p}" for p in SURFACE.names[6:12]))
+    assert read_marker_set(tmp_path / "d.txt").markers.labels[0] == "distance", "a label like any other"
 
 
 def test_the_example_of_the_docs_is_a_set(repository, tmp_path):

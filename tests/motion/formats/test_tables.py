@@ -139,8 +139,7 @@ def test_npz_of_others(tmp_path):
         ({"points_world": np.zeros((3, 2, 3)), "names": np.array(["a", "b"])}, "has no `fps`"),
         ({"points_world": np.zeros((3, 2, 3)), "names": np.array(["a", "b"]), "fps": np.array(-1)}, "has no `fps`"),
         ({"points_world": np.zeros((0, 2, 3)), "names": np.array(["a", "b"]), "fps": np.array(9)}, "has no frame"),
-        ({"points_world": np.zeros((3, 2, 3)), "names": np.array(["a", "a"]), "fps": np.array(9)}, "more than once"),
-        ({"points_world": np.array([{}], object)}, "not a readable .npz"),
+        ({"points_world": np.array([{}], object)}, "not an .npz: .* holds objects"),
     ],
 )
 def test_malformed_npz(tmp_path, arrays, says):

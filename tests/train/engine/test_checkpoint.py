@@ -1,5 +1,6 @@
 """Checkpoints hold data only, and reading one never runs code."""
 
+import ast
 import pathlib
 import pickle
 import zipfile
@@ -17,6 +18,7 @@ from muybridge.train.engine.checkpoint import CHECKPOINT, load_checkpoint, save_
 from muybridge.train.engine.loop import TrainingRun  # noqa: E402
 from muybridge.train.engine.options import Training  # noqa: E402
 from muybridge.train.keypoints.export import load_keypoint_checkpoint  # noqa: E402
+from tests.paths import REPOSITORY, tracked_files  # noqa: E402
 
 
 class Attack:
@@ -100,3 +102,20 @@ def test_a_run_resumes_where_it_was(tmp_path: pathlib.Path, kind: type[torch.nn.
         before, after = theirs.state_dict()["state"], ours.state_dict()["state"]
         assert before.keys() == after.keys() and before
         assert all(torch.equal(after[k][name], before[k][name]) for k in before for name in before[k])
+
+
+def test_nothing_unpickles_objects() -> None:
+    loads = 0
+    for path in tracked_files():
+        if path.suffix != ".py" or path.is_relative_to(REPOSITORY / "tests"):
+            continue
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(call, ast.Call):
+                continue
+            given = {k.arg: ast.unparse(k.value) for k in call.keywords}
+            called = ast.unparse(call.func)
+            if called == "torch.load":
+                loads += 1
+                assert given.get("weights_only") == "True", f"{path}:{call.lineno}"
+            assert called not in ("pickle.load", "pickle.loads") and given.get("allow_pickle") != "True", path
+    assert loads

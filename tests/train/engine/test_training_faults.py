@@ -49,6 +49,13 @@ def test_interrupted_training_saves_a_checkpoint(store, tmp_path, monkeypatch):
     assert load_keypoint_checkpoint(tmp_path / "run" / "checkpoint.pt")["state"]["images"] == 24
 
 
+@pytest.mark.slow
+def test_equal_seeds_and_steps_give_equal_keypoint_networks(store, tmp_path):
+    one, two = (load_keypoint_checkpoint(keypoints.train(_short(store, tmp_path / k, steps=2))) for k in "ab")
+    assert one["state"]["step"] == 2
+    assert all((one["net"][k] == two["net"][k]).all() for k in one["net"])
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

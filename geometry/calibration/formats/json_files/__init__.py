@@ -1,0 +1,1 @@
+"""Calibrations of data sets and renderers in JSON: one module each."""

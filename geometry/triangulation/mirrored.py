@@ -1,0 +1,81 @@
+"""Videos that are mirrored, as programs for webcams record them.
+
+A mirrored image shows its subject's left where the right is, and a network names the limbs by what it sees. With the
+image turned back and the names with it, the views of a good calibration agree; without, they do not, even where all of
+them are mirrored: each is reflected in a plane of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.cameras.group import CameraGroup
+from muybridge.geometry.landmarks.arrays import Keypoints2D
+
+# Frames that are compared, landmarks that must be seen by two cameras or more.
+_FRAMES, _LEAST = 60, 100
+# Mirrored views must agree so many times better once turned back, and so many times better than with any other views
+# turned back. Of the image's diagonal, they must then be so close, and have been so far apart.
+_BETTER, _CLEARER = 4.0, 2.0
+_CLOSE, _APART = 0.008, 0.004
+
+
+def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ...]:
+    """The cameras whose videos are mirrored: one, all, or none where that is not certain.
+
+    Args:
+        cameras: C cameras.
+        keypoints: people's landmarks; in every frame of a camera the most certain person is used.
+
+    Returns:
+        Indices of cameras, ascending; empty if none is mirrored, or the views agree in no way.
+    """
+    points = _one_person(keypoints)
+    usable = np.flatnonzero((np.isfinite(points[..., 0]).sum(0) >= 2).any(-1))
+    frames = usable[np.unique(np.linspace(0, len(usable) - 1, _FRAMES).astype(int))] if len(usable) else usable
+    points = points[:, frames]
+    if (np.isfinite(points[..., 0]).sum(0) >= 2).sum() < _LEAST:
+        return ()
+    turned = np.stack([_turned_back(points[c], keypoints.landmarks.mirror, cam.width) for c, cam in enumerate(cameras)])
+    every = tuple(range(len(cameras)))
+    choices = [(), every, *(combinations(every, 1) if len(every) > 2 else ())]
+    errors = np.array([_disagreement(cameras, points, turned, choice) for choice in choices])
+    best = int(np.argmin(errors))
+    others = np.delete(errors, best)
+    much_better = errors[0] > max(_BETTER * errors[best], _APART) and others.min() > _CLEARER * errors[best]
+    return choices[best] if much_better and errors[best] < _CLOSE else ()
+
+
+def _one_person(keypoints: Keypoints2D) -> FloatArray:
+    """(C, T, J, 2) px of the most certain person in every frame of a camera."""
+    best = keypoints.score.mean(-1).argmax(-1)
+    return np.take_along_axis(keypoints.points_px, best[:, :, None, None, None], axis=2)[:, :, 0]
+
+
+def _turned_back(points_px: FloatArray, mirror: Sequence[int], width: int) -> FloatArray:
+    """(T, J, 2) landmarks of a mirrored video as the camera saw them."""
+    back = points_px[:, list(mirror)].copy()
+    back[..., 0] = width - 1 - back[..., 0]
+    return back
+
+
+def _disagreement(cameras: CameraGroup, points: FloatArray, turned: FloatArray, choice: Sequence[int]) -> float:
+    """Median distance of landmarks from their triangulated points with the chosen cameras turned back, in diagonals of
+    the image."""
+    px = points.copy()
+    px[list(choice)] = turned[list(choice)]
+    rays = np.stack([camera.rays(px[c]) for c, camera in enumerate(cameras)])  # (C, T, J, 3)
+    seen = np.isfinite(rays).all(-1) & (np.isfinite(px).all(-1).sum(0) >= 2)
+    across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * seen[..., None, None]
+    across = np.where(seen[..., None, None], across, 0.0)
+    sums = across.sum(0) + 1e-9 * np.eye(3)
+    targets = np.einsum("ctjxy,cy->tjx", across, cameras.centers_world)
+    world = np.linalg.solve(sums, targets[..., None])[..., 0]
+    diagonals = np.array([np.hypot(camera.width, camera.height) for camera in cameras])
+    away = np.linalg.norm(cameras.project(world) - px, axis=-1) / diagonals[:, None, None]
+    away = np.where(np.isfinite(away), away, 1.0)  # behind a camera
+    return float(np.median(away[seen])) if seen.any() else np.inf
