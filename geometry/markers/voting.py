@@ -23,12 +23,16 @@ class VoteOptions:
         switch: cost, in votes, of a label change where the trajectory may have been exchanged: where it jumps, or
             another one's path leads to its position.
         smooth: cost, in votes, of a label change elsewhere.
+        gap: cost, in votes, of a label change across a gap of one of the file's columns.
+        shared: weight that the votes of a column's other pieces have for a piece between gaps.
     """
 
     memory: float = 0.12
     floor: float = -5.0
     switch: float = 8.0
     smooth: float = 40.0
+    gap: float = 6.0
+    shared: float = 0.5
 
 
 def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
@@ -51,8 +55,9 @@ def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
 
 
 def cut_tracks(
-    scores: FloatArray, track: IndexArray, points: FloatArray, fps: float, options: VoteOptions = VoteOptions()
-) -> IndexArray:
+    scores: FloatArray, track: IndexArray, points: FloatArray, fps: float, options: VoteOptions = VoteOptions(),
+    whole: IndexArray | None = None,
+) -> IndexArray:  # fmt: skip
     """Track numbers (T, S) of trajectories split where their label changes permanently.
 
     Args:
@@ -61,14 +66,24 @@ def cut_tracks(
         points: (T, S, 3) metres, NaN where there is no point.
         fps: frames per second.
         options: see `VoteOptions`.
+        whole: (T, S) numbers of what trajectories are pieces of, see `join_pieces`; a piece between gaps mostly is the
+            marker that its neighbours are.
     """
     # A marker does not become a ghost; whether it is one is decided by the votes.
-    t, s, starts = sort_by_track(track)
+    t, s, starts = sort_by_track(track if whole is None else whole)
     votes = _weight(fps, options) * np.maximum(scores[t, s, :-1], options.floor)
     cost = np.where(exchangeable(points, track)[t, s], options.switch, options.smooth)
+    number = track[t, s]
+    cost[1:][number[1:] != number[:-1]] = options.gap
     out = np.full_like(track, -1)
     out[t, s] = _cut(np.ascontiguousarray(votes), starts, cost)
     return out
+
+
+def join_pieces(track: IndexArray, column: IndexArray, tracked: bool) -> IndexArray:
+    """(T, S) numbers of what trajectories are pieces of: the file's columns, or the trajectories themselves where they
+    were tracked."""
+    return np.asarray(track if tracked else np.where(track >= 0, column, -1))
 
 
 def exchangeable(points: FloatArray, track: IndexArray, slack: float = 0.03) -> BoolArray:
@@ -122,6 +137,15 @@ def vote(
         return np.zeros((0, scores.shape[2])), np.zeros((0, 2), np.intp)
     votes = np.add.reduceat(np.maximum(scores[t, s], options.floor), starts[:-1], 0)
     return votes * _weight(fps, options), np.stack([t[starts[:-1]], t[starts[1:] - 1]], 1)
+
+
+def share_votes(votes: FloatArray, whole: IndexArray, share: float, most: float = 40.0) -> FloatArray:
+    """Votes (P, L + 1) of pieces with a share of those of the other pieces of the same whole (P,)."""
+    total = np.zeros((int(whole.max(initial=-1)) + 1, votes.shape[1]))
+    np.add.at(total, whole, votes)
+    others = share * (total[whole] - votes)
+    lowest = others.min(1, keepdims=True, initial=0.0)
+    return votes + others * np.minimum(1.0, most / np.maximum(-lowest, 1e-9))
 
 
 def assign_labels(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:

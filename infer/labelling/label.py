@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,19 @@ from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
 from muybridge.geometry.markers.subjects import split_people
 from muybridge.geometry.markers.tracking import TrackOptions, Tracks, find_tracks
-from muybridge.geometry.markers.voting import VoteOptions, assign_frames, assign_labels, cut_tracks, sort_by_track, vote
+from muybridge.geometry.markers.voting import (
+    VoteOptions,
+    assign_frames,
+    assign_labels,
+    cut_tracks,
+    join_pieces,
+    share_votes,
+    sort_by_track,
+    vote,
+)
+from muybridge.geometry.markers.whole import WholeOptions
+from muybridge.infer.labelling.certainty import certainty, evidence_of
+from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, one_or_two, settle, up_turn
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -24,6 +36,8 @@ _log = logging.getLogger(__name__)
 # Range of the median distance to a marker's third neighbour, metres: 0.15 to 0.37 on bodies of all sizes and poses in
 # the known sets, more with few markers; other people nearby change it little.
 APART_M = (0.06, 1.0)
+# Votes for a name that is settled by the whole, per frame.
+_SETTLED = 6.0
 # With more points in a frame, their extent decides, metres.
 DENSE, EXTENT_M = 60, (0.7, 2.8)
 FACTORS = (1.0, 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
@@ -38,6 +52,7 @@ class LabelOptions:
         vote: votes of trajectories.
         rigidity: distances between markers.
         recover: markers recovered after the vote.
+        whole: the labelling judged as a whole.
         window: the network also takes past and future positions.
         votes: trajectories vote; otherwise every frame is labelled by itself.
         distances: distances between markers correct the network's errors.
@@ -47,6 +62,7 @@ class LabelOptions:
     vote: VoteOptions = VoteOptions()
     rigidity: RigidityOptions = RigidityOptions()
     recover: RecoverOptions = RecoverOptions()
+    whole: WholeOptions = WholeOptions()
     window: bool = True
     votes: bool = True
     distances: bool = True
@@ -67,6 +83,7 @@ class Labelled:
         tracks: trajectories of the file's points.
         label: (T, S) index of the label of every slot of `tracks`, -1 for none.
         notes: for the user, as sentences.
+        evidence: (T, M, E) what `confidence` was computed from; None where trajectories did not vote.
     """
 
     markers: MarkerSet
@@ -78,10 +95,12 @@ class Labelled:
     tracks: Tracks
     label: IndexArray
     notes: list[str] = field(default_factory=list)
+    evidence: FloatArray | None = None
 
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
-                 options: LabelOptions = LabelOptions(), known: MarkerDistances | None = None) -> Labelled:  # fmt: skip
+                 options: LabelOptions = LabelOptions(), known: MarkerDistances | None = None,
+                 up: FloatArray | None = None) -> Labelled:  # fmt: skip
     """Label the points of a recording.
 
     Args:
@@ -91,6 +110,7 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         network: scores points.
         options: of every step.
         known: distances between the person's markers, where they were measured before.
+        up: (3,) the axis that the file says is up; None where it says nothing.
 
     Raises:
         FormatError: there are too few points to recognise a person.
@@ -106,20 +126,39 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     tracks = find_tracks(scaled, fps, options.track)
     if tracks.tracked:
         notes.append("the file's trajectories jump from marker to marker: the points were tracked again")
-    tracks, *others = split_people(tracks, len(markers))
-    if others:
+    bodies = bodies_of(network, markers, options.whole, known)
+    people = split_people(tracks, len(markers))
+    if len(people) > 1:
+        people = one_or_two(people, tracks, fps, markers, network, bodies, options.whole, up)
+    if len(people) > 1:
         notes.append("the file holds two people: the one with more points was labelled, the other's points were not")
+    tracks = people[0]
     asked = np.array(markers.surface_indices)
-    turn = upright(tracks, fps, asked, network)
+    turn, _ = find_upright(tracks, fps, markers, network, bodies, options.whole, up)
     scores = network.scores(tracks, fps, asked, turn=turn, windowed=options.window).astype(np.float64)
     scores = open_to_any(scores) if known else scores
     for note in notes:
         _log.info(note)
-    label = _elect(scores, tracks, fps, options)
+    last: Settled | None = None
+    raw, label = scores, _elect(scores, tracks, fps, options)
     if options.distances:
+        if options.votes:
+            first = settle(label, scores, tracks, turn, markers, bodies, options.whole)
+            label = first.label
+            t, s = np.nonzero(first.changed & (label >= 0))
+            scores = raw.copy()
+            scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
         scores, label = _repair(scores, label, tracks, fps, asked, network, options, known)
-    smooth = _over_time(scores, tracks.track, fps, options) if options.votes else scores
-    return _labelled(markers, label, smooth, turn, scale, tracks, notes)
+        if options.votes:
+            last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
+            label = last.label
+    smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
+    done = _labelled(markers, label, smooth, turn, scale, tracks, notes)
+    if last is not None:
+        evidence = evidence_of(done.confidence, last, _fit(label, tracks, asked, network, options))
+        found = np.isfinite(done.points[..., 0])
+        done = replace(done, confidence=np.where(found, certainty(evidence), 0.0), evidence=evidence)
+    return done
 
 
 def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: LabelOptions) -> FloatArray:
@@ -167,9 +206,17 @@ def relabel(labelled: Labelled, label: IndexArray) -> Labelled:
 def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions) -> IndexArray:
     if not options.votes:
         return assign_frames(scores)
-    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, options.vote)
-    label = assign_labels(*vote(scores, pieces, fps, options.vote))
-    return np.where(pieces >= 0, label[pieces], -1)
+    how, whole = options.vote, join_pieces(tracks.track, tracks.column, tracks.tracked)
+    pieces = cut_tracks(scores, tracks.track, tracks.points, fps, how, whole)
+    t, s = np.nonzero(tracks.track >= 0)
+    # Trajectories share votes with the pieces of the same column that the cut left together.
+    both = pieces[t, s] * (tracks.count + 1) + tracks.track[t, s]
+    pair, number = np.unique(both, return_inverse=True)
+    piece = np.full_like(pieces, -1)
+    piece[t, s] = number
+    votes, span = vote(scores, piece, fps, how)
+    label = assign_labels(share_votes(votes, pair // (tracks.count + 1), how.shared), span)
+    return np.where(piece >= 0, label[piece], -1)
 
 
 def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork,
@@ -188,10 +235,27 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, a
         fit = distance_scores(tracks.points, named, owner, measured)
         fitted = scores.copy()
         fitted[..., :-1] = np.maximum(scores[..., :-1], options.vote.floor) + weight * 2.5 * fit
-        label = _elect(fitted, tracks, fps, options)
+        before, label = label, _elect(fitted, tracks, fps, options)
+        if np.array_equal(before, label) and (turn or not known):
+            break
     if options.votes:
         label = recover_points(tracks.points, label, fitted[..., :-1] - fitted[..., -1:], options.recover)
     return fitted, label
+
+
+def _fit(label: IndexArray, tracks: Tracks, asked: IndexArray, network: LabelNetwork,
+         options: LabelOptions) -> FloatArray:  # fmt: skip
+    """(T, M) how well every labelled point's distances fit in its frame, from -1 to 1; see `distance_scores`."""
+    card, choice = network.card, np.ix_(asked, asked)
+    prior = prior_rigidity(
+        card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], options.rigidity.links
+    )
+    named, owner = _named(label, tracks.points, len(asked))
+    fit = distance_scores(tracks.points, named, owner, measured_rigidity(named, prior, options.rigidity))
+    out = np.zeros(named.shape[:2])
+    t, m = np.nonzero(owner >= 0)
+    out[t, m] = fit[t, owner[t, m], m]
+    return out
 
 
 def _named(label: IndexArray, points: FloatArray, count: int) -> tuple[FloatArray, IndexArray]:
@@ -243,18 +307,10 @@ def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork
         frames = np.array([int(full.argmax())])
     best, most = np.eye(3), -np.inf
     for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
-        turn = _up(axis, sign)
+        turn = up_turn(axis, sign)
         scores = network.scores(tracks, fps, asked, frames, turn)
         known = np.isfinite(scores[..., 0])
         confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
         if confidence > most:
             best, most = turn, confidence
     return best
-
-
-def _up(axis: int, sign: float) -> FloatArray:
-    """A rotation that turns the signed axis of the file to +Z."""
-    up = np.zeros(3)
-    up[axis] = sign
-    x = np.roll(np.abs(up), 1)
-    return np.stack([x, np.cross(up, x), up])

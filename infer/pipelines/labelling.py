@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerPlan
@@ -66,7 +67,7 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances)
+        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances, stated_up(cloud))
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []
@@ -88,10 +89,37 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     return summary(content, out)
 
 
+def stated_up(cloud: MarkerCloud) -> FloatArray | None:
+    """(3,) the axis that a C3D states as up (`POINT:Y_SCREEN`); None where it states none."""
+    said = (cloud.c3d.texts("POINT", "Y_SCREEN") or [""])[0].strip().upper() if cloud.c3d is not None else ""
+    axis = "XYZ".find(said[-1:]) if said else -1
+    if axis < 0 or said[:-1] not in ("", "+", "-"):
+        return None
+    return np.eye(3)[axis] * (-1.0 if said[0] == "-" else 1.0)
+
+
+def exchanged(cloud: MarkerCloud, labelled: Labelled) -> list[tuple[str, str]]:
+    """Pairs of the set's labels whose names the file has exchanged, by what was found."""
+    names = [n.split(":")[-1] for n in cloud.names]
+    labels = labelled.markers.labels
+    found = {}
+    for m, label in enumerate(labels):
+        column = labelled.column[:, m]
+        column = column[column >= 0]
+        if len(column):
+            found[label] = names[int(np.bincount(column).argmax())]
+    return [(a, b) for a, b in found.items() if a < b and found.get(b) == a]
+
+
 def _figures(labelled: Labelled) -> dict[str, Any]:
     found = np.isfinite(labelled.points[..., 0])
     sure = labelled.confidence[found] >= CERTAIN
-    return {"markers_found": int(found.any(0).sum()), "sure": round(float(sure.mean()), 4) if sure.size else 0.0}
+    return {"markers_found": int(found.any(0).sum()), "sure": _share(sure)}
+
+
+def _share(sure: BoolArray) -> float:
+    """Share that is true to four digits: 1 only where all are."""
+    return math.floor(float(sure.mean()) * 1e4) / 1e4 if sure.size else 0.0
 
 
 def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[str]:
@@ -107,6 +135,9 @@ def notes_of(cloud: MarkerCloud, labelled: Labelled, plan: MarkerPlan) -> list[s
                      "if another set was worn, name it with --markerset")  # fmt: skip
     if (up := up_of(labelled)) not in ("+Y", "+Z"):
         notes.append(f"{up} is up in the file; labelled.c3d is rotated so that +Z is up")
+    if pairs := exchanged(cloud, labelled):
+        notes.append("the file has these names exchanged, by where its markers are: "
+                     + ", ".join(f"{a} and {b}" for a, b in pairs))  # fmt: skip
     if cloud.why:
         notes.append(cloud.why)
     if cloud.empty:
@@ -119,7 +150,8 @@ def summary(content: dict[str, Any], out: Path) -> str:
     doubtful = len(content["doubtful"])
     lines = [
         f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
-        f"{content['sure']:.1%} of the names are at least {CERTAIN:.0%} certain, {doubtful} spans are doubtful",
+        f"{math.floor(content['sure'] * 1e3) / 10:.1f}% of the names are at least {CERTAIN:.0%} certain, "
+        f"{doubtful} spans are doubtful",
         *content["notes"],
         *content["corrections"],
     ]

@@ -11,9 +11,8 @@ from muybridge import __version__
 from muybridge.geometry.markers.cleaning import Cleaned, Sample
 from muybridge.infer.labelling.label import Labelled
 
-# A label with confidence below this for so many frames should be checked by a person.
+# A label with confidence below this should be checked by a person.
 DOUBTFUL = 0.6
-DOUBTFUL_FRAMES = 5
 
 
 def spans(values: NDArray[Any]) -> list[tuple[int, int, Any]]:
@@ -31,7 +30,7 @@ def doubtful(labelled: Labelled) -> list[dict[str, Any]]:
     for m, label in enumerate(labelled.markers.labels):
         unsure = np.isfinite(labelled.points[:, m, 0]) & (labelled.confidence[:, m] < DOUBTFUL)
         for a, b, bad in spans(unsure):
-            if bad and b - a + 1 >= DOUBTFUL_FRAMES:
+            if bad:
                 mean = float(labelled.confidence[a : b + 1, m].mean())
                 out.append({"marker": label, "frames": [a, b], "confidence": round(mean, 3)})
     return sorted(out, key=lambda d: d["frames"][0] - d["frames"][1])

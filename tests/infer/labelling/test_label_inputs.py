@@ -9,7 +9,7 @@ import pytest
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.labelling.label import _up
+from muybridge.infer.labelling.settle import up_turn
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d_take, write_c3d
 from muybridge.motion.formats.points.c3d_read import read_raw_c3d
 
@@ -101,8 +101,8 @@ def take():
 
 @pytest.mark.parametrize("axis", ["+Z", "+Y", "+X", "-Z"])
 def test_events_channels_and_plates_are_kept_and_the_axis_is_right(take, tmp_path, monkeypatch, axis):
-    turn = _up("XYZ".index(axis[1]), 1.0 if axis[0] == "+" else -1.0)
-    monkeypatch.setattr("muybridge.infer.labelling.label.upright", lambda *a: turn)
+    turn = up_turn("XYZ".index(axis[1]), 1.0 if axis[0] == "+" else -1.0)
+    monkeypatch.setattr("muybridge.infer.labelling.label.find_upright", lambda *a: (turn, 0.0))
     write_c3d(tmp_path / "a.c3d", take)
     assert run_command(["label", str(tmp_path / "a.c3d"), "--clean.no-fill", "--out", str(tmp_path / "out")]) == 0
     raw = read_raw_c3d(tmp_path / "out" / "labelled.c3d")
