@@ -23,6 +23,7 @@ from muybridge.infer.session.probe import VideoInfo
 TIMESTAMPS = ("timestamps.csv", "frame_time_history.csv")
 _COLUMNS = "it needs the columns sync_index, cam_id, frame_time (finite numbers), a row per frame"
 _LATEST_S = 1e13  # since 1970, in milliseconds too
+_LAST_MOMENT = 2**62  # some count moments in nanoseconds since 1970
 _SPREAD, _FEW = 100, 10_000  # a take of more moments, per frame of its shortest video, has damaged times
 
 
@@ -73,7 +74,7 @@ def _row(row: Mapping[str, str | None], where: str, error: type[MuybridgeError])
         time, moment = float(texts[0] or ""), int(texts[1] or "")
     except ValueError:
         time, moment = np.nan, 0
-    if not (abs(time) < _LATEST_S and abs(moment) < _LATEST_S):
+    if not (abs(time) < _LATEST_S and abs(moment) < _LAST_MOMENT):
         raise error(f"{where} has frame_time {shorten(texts[0])} and sync_index {shorten(texts[1])}; {_COLUMNS}")
     return camera.strip(), time, moment
 
