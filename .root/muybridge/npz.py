@@ -94,8 +94,10 @@ def _array(file: IO[bytes], entry: zipfile.ZipInfo) -> NDArray[Any]:
 
 def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    if version == (2, 0):
-        return np.lib.format.read_array_header_2_0(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version in readers:
+        try:
+            return readers[version](file)
+        except Exception as problem:  # NumPy parses it as Python: what that raises speaks of source code
+            raise ValueError(f"the header of {name} cannot be read") from problem
     raise ValueError(f"{name} is of version {version[0]}.{version[1]} of its format; known are 1.0 and 2.0")

@@ -20,7 +20,7 @@ from muybridge.geometry.landmarks.arrays import Keypoints2D
 _FRAMES, _LEAST = 60, 100
 # Mirrored views must agree so many times better once turned back, and so many times better than with any other views
 # turned back. Of the image's diagonal, they must then be so close, and have been so far apart.
-_BETTER, _CLEARER = 4.0, 2.0
+_BETTER, _CLEARER = 3.0, 2.0
 _CLOSE, _APART = 0.008, 0.004
 
 

@@ -304,8 +304,8 @@ def summary(result: RunResult) -> str:
     width = max(len(name) for name in quality.cameras)
     for name, camera in quality.cameras.items():
         rows.append(
-            f"    {name:<{width}}  sees {camera['seen']:6.1%}   reprojection "
-            f"{camera['reprojection_px']:6.1f} px"
+            f"    {name:<{width}}  sees {camera['seen']:6.1%}"
+            + (f"   reprojection {near:6.1f} px" if np.isfinite(near := camera["reprojection_px"]) else "")
             + (f"   left out {away:6.1f} px" if np.isfinite(away := camera["leave_one_out_px"]) else "")
         )
     for number, other in enumerate(result.others, start=2):

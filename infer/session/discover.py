@@ -66,11 +66,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     found = [f for f in found if f.stem not in own]
     cameras = [] if found or folder == path else [f for f in _folders(folder) if camera_films(f)]
     if cameras:
-        held = ", ".join(
-            f"{f.name}/{{{', '.join(p.name for p in recorded_order(f, camera_films(f)))}}}" for f in cameras
-        )
+        held = ", ".join(_in_order(f) for f in cameras)
         beside = [name for name in ignored if name not in {f.name for f in cameras}]
-        notices = [f"{folder} has a folder per camera, whose files are read one after the other: {held}"]
+        notices = [f"{folder} has a folder per camera, whose video was read: {held}"]
         return cameras, notices + ([f"{folder} also holds {', '.join(beside)}; ignored"] if beside else [])
     if not found:
         others = f" (it has {', '.join(ignored[:5])}, which are not videos, or are small copies)" if ignored else ""
@@ -82,6 +80,11 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     if folder == path:  # beside the calibration and whatever else a session has
         return found, [f"{path} has no folder `videos`: the videos in the folder itself are used"]
     return found, [f"{folder} also holds {', '.join(ignored)}: not videos, or small copies; ignored"] if ignored else []
+
+
+def _in_order(folder: Path) -> str:
+    """A camera's files as they are read, such as `cam1/GX01.MP4 + GX02.MP4`."""
+    return f"{folder.name}/{' + '.join(p.name for p in recorded_order(folder, camera_films(folder)))}"
 
 
 def is_results(path: Path) -> bool:

@@ -112,13 +112,13 @@ def trc_trajectories(path: Path, unit: str | None = None, fps: float | None = No
         notices.append(f"line 3 states {announced} frames, {len(rows)} rows follow: those that are there were read")
     xyz = table[:, 2:].reshape(len(table), -1, 3)[:, at]
     if at[-1] + 1 > len(names):
-        between = _trajectories(at[-1] + 1 - len(names))
-        notices.append(f"between the markers of line 4 are {between} without a name, which were left out")
+        notices.append(_left_out(at[-1] + 1 - len(names), "between"))
     return Trajectories(tuple(names), xyz, rate, stated, "y", float(np.nan_to_num(table[0, 1])), tuple(notices))
 
 
-def _trajectories(count: int) -> str:
-    return f"{count} trajector{'y' if count == 1 else 'ies'}"
+def _left_out(count: int, where: str) -> str:
+    many = "trajectory without a name was" if count == 1 else "trajectories without names were"
+    return f"{count} {many} left out, {where} the markers of line 4"
 
 
 def _head(keys: str, values: str) -> dict[str, str]:
@@ -185,7 +185,7 @@ def _rows(path: Path, lines: list[str], width: int) -> tuple[list[FloatArray], i
         rows.append(_row(path, number, cells[:width], width, decimal))
     notices = []
     if more:
-        notices.append(f"behind the markers of line 4 are {_trajectories(more)} without a name, which were left out")
+        notices.append(_left_out(more, "behind"))
     if spaces:
         notices.append(f"spaces, not tabs, are between the numbers of {spaces} of {len(rows)} rows")
     return rows, more, notices

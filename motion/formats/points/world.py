@@ -235,7 +235,7 @@ def _check_size(path: Path, names: tuple[str, ...], xyz: FloatArray, metres: flo
     others = {u: m / metres for u, m in METRES_OF_UNIT.items() if m != metres}
     found = implausible_stature(names, xyz, others)
     notices = []
-    if found is not None:
+    if found is not None and found[0] > 0:  # all at one place: zeros in all frames, which are noted as such
         tall, unit, absurd = found
         message = f"the person would be {tall:,.4g} m tall"
         likely = f"; the file's numbers are likely {_UNIT_NAMES[unit]}" if unit else ""

@@ -140,6 +140,11 @@ def test_what_moves_through_the_origin_was_there() -> None:
         "in all frames at exactly 0, 0, 0: a"]  # fmt: skip
 
 
+def test_zeros_in_all_frames_are_no_person_of_no_height() -> None:
+    take = points_of_file(Path("a.trc"), Trajectories(NAMES, np.zeros((6, len(NAMES), 3)), 50.0, "mm"), "walk")
+    assert [notice[:36] for notice in take.notices] == ["in all frames at exactly 0, 0, 0: no"]
+
+
 def test_names_of_twins_are_made_unique() -> None:
     assert unique_names(["a", "b"]) == (("a", "b"), [])
     names, said = unique_names(["KNEE", "KNEE_2", "KNEE", "KNEE", "x"])
