@@ -274,26 +274,33 @@ def _alternatives(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: F
 
 
 @numba.njit(cache=True)
-def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatArray, known: FloatArray,
-            twin: IndexArray, scale: float, weights: FloatArray, rounds: int,
-            rng: np.random.Generator) -> IndexArray:  # fmt: skip
+def _search(
+    chosen: IndexArray,
+    gain: FloatArray,
+    near: BoolArray,
+    seen: FloatArray,
+    known: FloatArray,
+    twin: IndexArray,
+    scale: float,
+    weights: FloatArray,
+    rounds: int,
+    rng: np.random.Generator,
+) -> IndexArray:
     """Take the names of neighbours away and give them again, best first, as long as that improves the whole."""
     columns, size = gain.shape
     best = chosen.copy()
-    trial = chosen.copy()
-    removed = np.zeros(size, np.bool_)
+    reached = _quality(best, gain, seen, known, twin, scale, weights)
+    trial, removed = chosen.copy(), np.zeros(size, np.bool_)
     for turn in range(rounds):
         centre = turn % size if turn < size else int(rng.random() * size)
         before, after = 0.0, 0.0
-        trial[:] = best
-        removed[:] = False
+        trial[:], removed[:] = best, False
         share = 0.5 + 0.5 * rng.random()
         for b in range(size):
             if b == centre or (known[3, centre, b] > 0.0 and rng.random() < share):
                 removed[b] = True
                 if trial[b] >= 0:
-                    k = trial[b]
-                    trial[b] = -1
+                    k, trial[b] = trial[b], -1
                     before += gain[k, b] + fit_of(b, k, trial, seen, known, twin, scale, weights)
         taken = np.zeros(columns, np.bool_)
         for b in range(size):
@@ -312,12 +319,23 @@ def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatAr
             if who < 0:
                 break
             after += gain[where, who] + fit_of(who, where, trial, seen, known, twin, scale, weights)
-            trial[who] = where
-            taken[where] = True
-            removed[who] = False
+            trial[who], taken[where], removed[who] = where, True, False
+        # The sums leave out the mirror images of names that were taken away at the time; the whole decides.
         if after > before + 1e-6:
-            best[:] = trial
+            value = _quality(trial, gain, seen, known, twin, scale, weights)
+            if value > reached + 1e-6:
+                best[:], reached = trial, value
     return best
+
+
+@numba.njit(cache=True)
+def _quality(chosen: IndexArray, gain: FloatArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
+             weights: FloatArray) -> float:  # fmt: skip
+    out = geometry_of(chosen, seen, known, twin, scale, weights)
+    for a in range(len(chosen)):
+        if chosen[a] >= 0:
+            out += gain[chosen[a], a]
+    return out
 
 
 class Judge:
@@ -333,9 +351,8 @@ class Judge:
         self.seen = np.stack([columns.mean_m, columns.spread_m, columns.known])
         self.known = np.stack([bodies.distance_m, bodies.sigma_m, bodies.motion_m, bodies.linked])
         self.scale = 1.0
-        self.start = np.where(
-            np.isfinite(columns.place[:, : len(bodies.twin), 0]).any(0), np.arange(len(bodies.twin)), -1
-        )
+        size = len(bodies.twin)
+        self.start = np.where(np.isfinite(columns.place[:, :size, 0]).any(0), np.arange(size), -1)
         self.scale = self._scale()
 
     def _scale(self) -> float:
