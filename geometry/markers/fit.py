@@ -61,8 +61,8 @@ def geometry_of(chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: I
 
 
 @numba.njit(cache=True)
-def quality_of(chosen: IndexArray, gain: FloatArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
-             weights: FloatArray) -> float:  # fmt: skip
+def quality_of(chosen: IndexArray, gain: FloatArray, seen: FloatArray, known: FloatArray, twin: IndexArray,
+               scale: float, weights: FloatArray) -> float:  # fmt: skip
     """`geometry_of`, and the network's gains (K, A)."""
     out = geometry_of(chosen, seen, known, twin, scale, weights)
     for a in range(len(chosen)):

@@ -5,7 +5,8 @@ import numpy as np
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.geometry.markers.groups import groups_of, head_posture
 from muybridge.geometry.markers.voting import VoteOptions, cut_tracks, join_pieces, share_votes
-from muybridge.geometry.markers.whole import Judge, find_columns, geometry_of, known_bodies
+from muybridge.geometry.markers.fit import geometry_of
+from muybridge.geometry.markers.whole import Judge, find_columns, known_bodies
 
 NAMES = ("left_knee_lateral", "left_malleolus_lateral", "left_heel", "left_toe", "right_knee_lateral",
          "right_malleolus_lateral", "right_heel", "right_toe")  # fmt: skip
