@@ -29,7 +29,7 @@ from muybridge.geometry.markers.voting import (
     vote,
 )
 from muybridge.geometry.markers.whole import WholeOptions
-from muybridge.infer.labelling.certainty import certainty, evidence_of
+from muybridge.infer.labelling.certainty import by_piece, certainty, evidence_of
 from muybridge.infer.labelling.file_names import believe_names, columns_of, with_names
 from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, judged, one_or_two, settle, up_turn
 from muybridge.infer.networks.labelling import LabelNetwork
@@ -168,9 +168,10 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
     done = _labelled(markers, label, smooth, turn, scale, tracks, notes)
     if last is not None:
-        evidence = evidence_of(done.confidence, last, _fit(label, tracks, asked, network, options))
+        fit = _fit(label, tracks, asked, network, options)
+        evidence = evidence_of(done.confidence, last, fit)
         found = np.isfinite(done.points[..., 0])
-        sure = with_names(certainty(evidence), done.column, hint, kept)
+        sure = with_names(by_piece(certainty(evidence), fit, done.column), done.column, hint, kept)
         done = replace(done, confidence=np.where(found, sure, 0.0), evidence=evidence)
     return done
 
