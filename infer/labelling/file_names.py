@@ -48,8 +48,10 @@ def columns_of(names: Sequence[str], markers: MarkerSet) -> IndexArray:
             out[a] = plain.index(label.upper())
     known = map_names(list(names))
     for a, point in enumerate(markers.names):
-        if out[a] < 0 and point in known and known[point] not in out:
-            out[a] = known[point]
+        k = known.get(point, -1)
+        # A number that is dropped to find a name (LTHI2) may as well mean another marker; so may a name given twice.
+        if out[a] < 0 and k >= 0 and k not in out and plain.count(plain[k]) == 1 and not plain[k][-1:].isdigit():
+            out[a] = k
     return out
 
 
