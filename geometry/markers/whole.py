@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.markers.fit import fit_of, geometry_of, quality_of
 
 
 @dataclass(frozen=True)
@@ -181,60 +182,6 @@ def _pairs(place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @numba.njit(cache=True)
-def _pair(i: int, j: int, a: int, b: int, seen: FloatArray, known: FloatArray, scale: float,
-          weights: FloatArray) -> float:  # fmt: skip
-    """How well columns i and j fit as labels a and b."""
-    mean, spread, distance, sigma, motion = seen[0, i, j], seen[1, i, j], known[0, a, b], known[1, a, b], known[2, a, b]
-    wide = sigma * sigma + 0.3 * motion * motion
-    off = mean / scale - distance
-    fit = weights[0] * (1.0 - min(off * off / wide / 4.5, 3.0))
-    more = spread / (1.5 * motion + 0.01)
-    if more > 1.0:
-        fit -= weights[1] * min((more - 1.0) * 0.7, 2.0)
-    return fit * seen[2, i, j]
-
-
-@numba.njit(cache=True)
-def fit_of(a: int, k: int, chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
-           weights: FloatArray) -> float:  # fmt: skip
-    """How well distances fit if label a is column k and the others are `chosen` (-1 for none; that of a is ignored).
-
-    `seen` is (3, K, K), see `Columns`: means, deviations, weights; `known` (4, A, A), see `Bodies`.
-    """
-    out = 0.0
-    p = twin[a]
-    for b in range(len(chosen)):
-        j = chosen[b]
-        if b == a or j < 0 or known[3, a, b] == 0.0 or seen[2, k, j] == 0.0:
-            continue
-        out += _pair(k, j, a, b, seen, known, scale, weights)
-        # A pair and its mirror image are alike on one person, with the same examiner.
-        q = twin[b]
-        if known[2, a, b] > 0.015 or b == p or (p == a and q == b) or q == a:
-            continue
-        r, s = k if p == a else chosen[p], j if q == b else chosen[q]
-        if r >= 0 and s >= 0 and seen[2, r, s] > 0.0:
-            width = 0.012 + 0.03 * known[0, a, b]
-            off = seen[0, k, j] - seen[0, r, s]
-            alike = 0.5 - min(off * off / (width * width + 4.0 * known[2, a, b] ** 2) / 2.0, 2.0)
-            out += weights[2] * alike * seen[2, r, s] * seen[2, k, j]
-    return out
-
-
-@numba.njit(cache=True)
-def geometry_of(chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
-                weights: FloatArray) -> float:  # fmt: skip
-    """How well all distances fit if label a is column `chosen[a]`."""
-    out = 0.0
-    so_far = np.full(len(chosen), -1, np.intp)
-    for a in range(len(chosen)):
-        if chosen[a] >= 0:
-            out += fit_of(a, chosen[a], so_far, seen, known, twin, scale, weights)
-            so_far[a] = chosen[a]
-    return out
-
-
-@numba.njit(cache=True)
 def _alternatives(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatArray, known: FloatArray,
                   twin: IndexArray, scale: float, weights: FloatArray) -> FloatArray:  # fmt: skip
     columns, size = gain.shape
@@ -280,20 +227,18 @@ def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatAr
     """Take the names of neighbours away and give them again, best first, as long as that improves the whole."""
     columns, size = gain.shape
     best = chosen.copy()
-    trial = chosen.copy()
-    removed = np.zeros(size, np.bool_)
+    reached = quality_of(best, gain, seen, known, twin, scale, weights)
+    trial, removed = chosen.copy(), np.zeros(size, np.bool_)
     for turn in range(rounds):
         centre = turn % size if turn < size else int(rng.random() * size)
         before, after = 0.0, 0.0
-        trial[:] = best
-        removed[:] = False
+        trial[:], removed[:] = best, False
         share = 0.5 + 0.5 * rng.random()
         for b in range(size):
             if b == centre or (known[3, centre, b] > 0.0 and rng.random() < share):
                 removed[b] = True
                 if trial[b] >= 0:
-                    k = trial[b]
-                    trial[b] = -1
+                    k, trial[b] = trial[b], -1
                     before += gain[k, b] + fit_of(b, k, trial, seen, known, twin, scale, weights)
         taken = np.zeros(columns, np.bool_)
         for b in range(size):
@@ -312,11 +257,12 @@ def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatAr
             if who < 0:
                 break
             after += gain[where, who] + fit_of(who, where, trial, seen, known, twin, scale, weights)
-            trial[who] = where
-            taken[where] = True
-            removed[who] = False
+            trial[who], taken[where], removed[who] = where, True, False
+        # The sums leave out the mirror images of names that were taken away at the time; the whole decides.
         if after > before + 1e-6:
-            best[:] = trial
+            value = quality_of(trial, gain, seen, known, twin, scale, weights)
+            if value > reached + 1e-6:
+                best[:], reached = trial, value
     return best
 
 
@@ -333,9 +279,8 @@ class Judge:
         self.seen = np.stack([columns.mean_m, columns.spread_m, columns.known])
         self.known = np.stack([bodies.distance_m, bodies.sigma_m, bodies.motion_m, bodies.linked])
         self.scale = 1.0
-        self.start = np.where(
-            np.isfinite(columns.place[:, : len(bodies.twin), 0]).any(0), np.arange(len(bodies.twin)), -1
-        )
+        size = len(bodies.twin)
+        self.start = np.where(np.isfinite(columns.place[:, :size, 0]).any(0), np.arange(size), -1)
         self.scale = self._scale()
 
     def _scale(self) -> float:

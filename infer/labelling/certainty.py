@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.infer.labelling.settle import Settled
 
 # Distance within which unnamed points may be meant instead of a marker, metres.
 _NEAR_M = 0.15
 # Of the parts of the evidence, in their order.
 WEIGHTS = np.array([0.15, 0.187, -0.013, 0.799, 0.029, -0.008, -0.23, 1.281, -0.291, -0.162, 0.043, 0.489, -1.152])
+# Where the distances of a piece of a trajectory fit less than this, its own frames speak against its name, which is
+# taken from other pieces: it is no surer than `_ALONE`.
+_UNFIT, _ALONE = 0.0, 0.5
 # No name is surer than the trials can show.
 MOST = 0.999
 
@@ -52,3 +55,20 @@ def evidence_of(network: FloatArray, settled: Settled, fit: FloatArray) -> Float
 def certainty(evidence: FloatArray) -> FloatArray:
     """Probability that names are right, from `evidence_of`; at most `MOST`."""
     return np.asarray(MOST / (1 + np.exp(-np.clip(evidence @ WEIGHTS, -30, 30))))
+
+
+def by_piece(certainty: FloatArray, fit: FloatArray, column: IndexArray) -> FloatArray:
+    """Certainty (T, M) of pieces between gaps by their own evidence.
+
+    Args:
+        certainty: (T, M) of the names as a whole.
+        fit: (T, M) how well distances fit in every frame, -1 to 1.
+        column: (T, M) column of the file that each marker has, -1 for none.
+    """
+    out = certainty.copy()
+    for m in range(column.shape[1]):
+        edges = np.concatenate([[0], np.nonzero(np.diff(column[:, m]))[0] + 1, [len(column)]])
+        for first, last in zip(edges, edges[1:], strict=False):
+            if last > first and column[first, m] >= 0 and fit[first:last, m].mean() < _UNFIT:
+                out[first:last, m] = np.minimum(out[first:last, m], _ALONE)
+    return out

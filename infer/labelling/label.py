@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.marker_sets import MarkerDistances, MarkerSet
+from muybridge.geometry.landmarks.real_markers import find_markers
 from muybridge.geometry.markers.known_distances import KNOWN_WEIGHT, known_rigidity, near_known, open_to_any
 from muybridge.geometry.markers.recovery import RecoverOptions, recover_points
 from muybridge.geometry.markers.rigidity import RigidityOptions, distance_scores, measured_rigidity, prior_rigidity
@@ -27,8 +29,9 @@ from muybridge.geometry.markers.voting import (
     vote,
 )
 from muybridge.geometry.markers.whole import WholeOptions
-from muybridge.infer.labelling.certainty import certainty, evidence_of
-from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, one_or_two, settle, up_turn
+from muybridge.infer.labelling.certainty import by_piece, certainty, evidence_of
+from muybridge.infer.labelling.file_names import believe_names, columns_of, with_names
+from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, judged, one_or_two, settle, up_turn
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -100,7 +103,7 @@ class Labelled:
 
 def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: LabelNetwork,
                  options: LabelOptions = LabelOptions(), known: MarkerDistances | None = None,
-                 up: FloatArray | None = None) -> Labelled:  # fmt: skip
+                 up: FloatArray | None = None, names: Sequence[str] = ()) -> Labelled:  # fmt: skip
     """Label the points of a recording.
 
     Args:
@@ -111,6 +114,8 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         options: of every step.
         known: distances between the person's markers, where they were measured before.
         up: (3,) the axis that the file says is up; None where it says nothing.
+        names: (K,) what the file calls the points: those that are labels of the set hold unless the evidence against
+            them is beyond doubt. Empty for points without names.
 
     Raises:
         FormatError: there are too few points to recognise a person.
@@ -152,12 +157,22 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         if options.votes:
             last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
             label = last.label
+    hint, kept = columns_of(names, markers), np.zeros(len(markers), bool)
+    if last is not None and (hint >= 0).any():
+        foreign = ~find_markers(names).unnamed & ~np.isin(np.arange(len(names)), hint)
+        sure = _labelled(
+            markers, label, _over_time(raw, tracks.track, fps, options), turn, scale, tracks, []
+        ).confidence
+        label, kept = believe_names(label, sure, hint, foreign, raw, tracks, bodies, options.whole)
+        last = judged(label, raw, tracks, turn, markers, bodies, options.whole)
     smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
     done = _labelled(markers, label, smooth, turn, scale, tracks, notes)
     if last is not None:
-        evidence = evidence_of(done.confidence, last, _fit(label, tracks, asked, network, options))
+        fit = _fit(label, tracks, asked, network, options)
+        evidence = evidence_of(done.confidence, last, fit)
         found = np.isfinite(done.points[..., 0])
-        done = replace(done, confidence=np.where(found, certainty(evidence), 0.0), evidence=evidence)
+        sure = with_names(by_piece(certainty(evidence), fit, done.column), done.column, hint, kept)
+        done = replace(done, confidence=np.where(found, sure, 0.0), evidence=evidence)
     return done
 
 

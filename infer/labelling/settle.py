@@ -83,10 +83,19 @@ def settle(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArr
     return Settled(out, judge, chosen, margin, out != label)
 
 
-def settle_groups(judge: Judge, chosen: IndexArray, turn: FloatArray,
-                  markers: MarkerSet) -> tuple[IndexArray, FloatArray]:  # fmt: skip
+def judged(label: IndexArray, scores: FloatArray, tracks: Tracks, turn: FloatArray, markers: MarkerSet, bodies: Bodies,
+           options: WholeOptions) -> Settled:  # fmt: skip
+    """A labelling as it is, with its judge and margins; arguments as `settle`."""
+    whole = join_pieces(tracks.track, tracks.column, tracks.tracked)
+    judge = Judge(find_columns(tracks.points, whole, label, scores, options), bodies, options)
+    _, margin = settle_groups(judge, judge.start, turn, markers, move=False)
+    return Settled(label, judge, judge.start, margin, np.zeros(label.shape, bool))
+
+
+def settle_groups(judge: Judge, chosen: IndexArray, turn: FloatArray, markers: MarkerSet,
+                  move: bool = True) -> tuple[IndexArray, FloatArray]:  # fmt: skip
     """The best order of the names within the head, the hands and the feet, which the network may mistake as a whole,
-    and the margins of `Settled`."""
+    and the margins of `Settled`; with `move` off the order stays, and margins are negative where another is better."""
     out, margin = chosen.copy(), np.full(len(chosen), np.inf)
     for group in groups_of(markers.names):
         members = np.array(group)
@@ -103,7 +112,7 @@ def settle_groups(judge: Judge, chosen: IndexArray, turn: FloatArray,
                 value += head_posture(judge.columns.place @ turn.T, trial, markers.names)
             values.append(value)
         # Where two orders are equally good the first one stays.
-        first = int(np.argmax(np.array(values) - 1e-9 * np.arange(len(values))))
+        first = int(np.argmax(np.array(values) - 1e-9 * np.arange(len(values)))) if move else 0
         for i, a in enumerate(here):
             margin[a] = values[first] - max(v for o, v in zip(orders, values, strict=True) if o[i] != orders[first][i])
         out[here] = out[here[list(orders[first])]]

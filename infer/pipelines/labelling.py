@@ -67,7 +67,8 @@ def run_label(file: Path, out: Path, markerset: str, corrections: Path | None, m
     network = LabelNetwork(model or shipped_model("labels"))
     folder = open_output(out, FILES, [file], overwrite)
     try:
-        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances, stated_up(cloud))
+        labelled = label_points(cloud.points, rate, plan.markers, network, options, plan.distances, stated_up(cloud),
+                                cloud.names)  # fmt: skip
     except FormatError as error:
         raise FormatError(f"{file}: {error}") from None
     corrected: list[str] = []

@@ -9,6 +9,7 @@ the certainty was fitted to; `--fit` fits it to those and prints the weights.
 """
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -55,6 +56,8 @@ def labelled_trials(people: list[Person], trials: int, seed: int,
         for r in range(trials):
             trial = make_trial(person, np.random.default_rng([seed, i, r]))
             yield trial, label_points(trial.cloud, trial.fps, trial.markers, network, up=trial.up)
+            print(f"\r{i * trials + r + 1} of {len(people) * trials} trials", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
 
 
 def right_names(trial: Trial, done: Labelled) -> tuple[BoolArray, BoolArray, BoolArray]:

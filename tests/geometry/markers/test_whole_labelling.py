@@ -3,9 +3,10 @@
 import numpy as np
 
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
+from muybridge.geometry.markers.fit import geometry_of
 from muybridge.geometry.markers.groups import groups_of, head_posture
 from muybridge.geometry.markers.voting import VoteOptions, cut_tracks, join_pieces, share_votes
-from muybridge.geometry.markers.whole import Judge, find_columns, geometry_of, known_bodies
+from muybridge.geometry.markers.whole import Judge, find_columns, known_bodies
 
 NAMES = ("left_knee_lateral", "left_malleolus_lateral", "left_heel", "left_toe", "right_knee_lateral",
          "right_malleolus_lateral", "right_heel", "right_toe")  # fmt: skip
@@ -59,6 +60,16 @@ def test_quality_is_what_its_alternatives_say():
     assert np.isclose(judge.quality(swapped) - judge.quality(judge.start), gains[1, 2])
     order = geometry_of(judge.start, judge.seen, judge.known, judge.bodies.twin, judge.scale, judge.weights)
     assert np.isclose(order, judge.geometry(judge.start)) and judge.fit(judge.start).min() > 0
+
+
+def test_a_search_never_makes_the_whole_worse():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        points = legs(extra=2)[:, rng.permutation(10)] + rng.normal(0, 0.03, (1, 10, 3))
+        label = np.tile(np.where(rng.random(10) < 0.8, rng.permutation(10), -1), (len(points), 1))
+        label[label >= 8] = -1
+        judge = judged(points, label, rng.uniform(-5, 0, (*label.shape, 9)))
+        assert judge.quality(judge.improve(judge.start)) >= judge.quality(judge.start) - 1e-9
 
 
 def test_a_head_turned_far_is_more_usual_than_one_that_leans_far():
