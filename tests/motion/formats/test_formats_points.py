@@ -40,7 +40,7 @@ def test_round_trips(tmp_path_factory, seed, frames, fps):
     write_trc(folder / "p.trc", points)
     write_c3d(folder / "p.c3d", points)
     # The unit is stated because random points have no size of a person.
-    for back, tolerance in ((read_trc(folder / "p.trc", "m"), 1e-6), (read_c3d(folder / "p.c3d", "m"), 1e-6)):
+    for back, tolerance in ((read_trc(folder / "p.trc", "m"), 1e-6), (read_c3d(folder / "p.c3d", "mm"), 1e-6)):
         assert back.landmarks == BODY23
         assert back.fps == pytest.approx(fps, rel=1e-6)
         np.testing.assert_allclose(back.points_world, points.points_world, atol=tolerance)
