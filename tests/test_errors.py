@@ -24,6 +24,16 @@ def test_whatever_a_parser_raises_becomes_one_line_that_names_the_file(problem: 
     assert caught.value.__cause__ is problem
 
 
+@pytest.mark.parametrize(
+    "problem", [KeyError("a"), MemoryError(), RecursionError(), FileNotFoundError(2, "No such file")]
+)
+def test_a_file_name_with_a_line_break_is_named_in_one_line(problem: Exception) -> None:
+    with pytest.raises(FormatError, match=r"^/takes/new line\.bvh: ") as caught:
+        with parsing("/takes/new\nline.bvh", FormatError, "a BVH"):
+            raise problem
+    assert len(str(caught.value).splitlines()) == 1
+
+
 def test_errors_of_the_family_pass_through_unchanged() -> None:
     original = CalibrationError("camera 2 has no lens")
     with pytest.raises(CalibrationError) as caught, parsing("x.bvh", FormatError, "a BVH"):

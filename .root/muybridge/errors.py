@@ -109,16 +109,21 @@ def parsing(path: Path | str, error: type[MuybridgeError], what: str, remedy: st
         raise problem.reworded(short) from problem
     except MemoryError as problem:
         raise error(
-            f"{path}: declares more data than fits into memory; {what} of this size is damaged", remedy=remedy
+            f"{_named(path)}: declares more data than fits into memory; {what} of this size is damaged", remedy=remedy
         ) from problem
     except RecursionError as problem:
-        raise error(f"{path}: nested too deeply for {what}; the file is damaged", remedy=remedy) from problem
+        raise error(f"{_named(path)}: nested too deeply for {what}; the file is damaged", remedy=remedy) from problem
     except OSError as problem:
         reason = " ".join(str(problem.strerror or problem).split())[:200]
-        raise error(f"{path}: cannot be read: {reason}") from problem
+        raise error(f"{_named(path)}: cannot be read: {reason}") from problem
     except Exception as problem:
         reason = " ".join(str(problem).partition("; use sys.")[0].split())[:200] or type(problem).__name__
-        raise error(f"{path}: damaged, or not {what}: {reason}", remedy=remedy) from problem
+        raise error(f"{_named(path)}: damaged, or not {what}: {reason}", remedy=remedy) from problem
+
+
+def _named(path: Path | str) -> str:
+    """A path as messages name it: in one line, whatever its characters are."""
+    return " ".join(str(path).splitlines())
 
 
 def _one_line(message: str) -> str:

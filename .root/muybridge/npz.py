@@ -83,7 +83,7 @@ def _array(file: IO[bytes], entry: zipfile.ZipInfo) -> NDArray[Any]:
         raise ValueError(f"{entry.filename} declares {dtype} {shape}, and {here} bytes follow")
     flat = np.empty(count, dtype)
     if flat.nbytes:
-        view = memoryview(flat.view(np.uint8).data)
+        view = flat.view(np.uint8).data
         for at in range(0, len(view), _CHUNK):
             chunk = file.read(min(_CHUNK, len(view) - at))
             view[at : at + len(chunk)] = chunk

@@ -30,12 +30,13 @@ from muybridge.models.keypoints.metadata import keypoint_card
 from muybridge.models.pseudo_labels import PseudoLabels, load_pseudo_labels, save_pseudo_labels
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, write_c3d
 from muybridge.motion.formats.points.world import FARTHEST
-from muybridge.motion.formats.registry import read_file, readable, write_file
+from muybridge.motion.formats.registry import ReadOptions, read_file, readable, write_file
 from muybridge.motion.formats.skeletal.mot import write_mot
 from muybridge.motion.take import Take
 from muybridge.npz import load_npz
 from tests.fuzz.mutators import Kind
 from tests.geometry.calibration.format_texts import caliscope_text, opencv_text, pose2sim_text, qualisys_text, rig
+from tests.motion.formats.test_layouts import TABLES
 from tests.motion.formats.test_mot import make_motion
 from tests.rigs import ring_of_cameras
 
@@ -122,6 +123,13 @@ def _take_file(suffix: str) -> Reader:
         return path.rename(folder / f"good{suffix}") if source != suffix else path
 
     return Reader(kinds.get(source, "text"), write, read_file, sound_take)
+
+
+def _table(name: str) -> Reader:
+    """A table as a program writes it; those that state no frame rate are told one."""
+    file, text = TABLES[name]
+    options = ReadOptions(fps=50.0 if name.startswith(("deeplabcut", "anipose")) else None)
+    return Reader("text", _text(file, text()), lambda path: read_file(path, options), sound_take)
 
 
 def _gltf(folder: Path) -> Path:
@@ -244,6 +252,7 @@ _BOARD = 'columns = 4\nrows = 5\nsquare_size_override_cm = 5.4\ndictionary = "DI
 
 READERS: dict[str, Reader] = {
     **{suffix: _take_file(suffix) for suffix in readable()},
+    **{f"table {name}": _table(name) for name in TABLES},
     ".asf": Reader("text", _asf, _read_asf, sound_take),
     **{f"calibration {how}": Reader("text", _exported(how), read_calibration, sound_rig) for how in EXPORT_FORMATS},
     "calibration qualisys": Reader("text", _text("rig.txt", qualisys_text(rig())), read_calibration, sound_rig),

@@ -8,6 +8,8 @@ a mask of cameras: the format's text and most readers take the low one, ezc3d th
 there is no mask to tell, and read the low one.
 """
 
+import errno
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -144,6 +146,17 @@ def write_c3d(path: Path, points: Points3D | C3DTake, up: Literal["y", "z"] = "z
             c3d.write(str(temporary))
         except RuntimeError as error:  # ezc3d has one exception for everything
             raise OSError(str(error)) from error
+        _check_whole(temporary, 4 * (data.size + np.size(c3d["data"]["analogs"])))
+
+
+def _check_whole(path: Path, data_bytes: int) -> None:
+    """OSError unless a written file holds its header and all data: ezc3d says nothing of a full disk."""
+    with path.open("rb") as file:
+        head = file.read(18)
+        size = file.seek(0, os.SEEK_END)
+    begin = 512 * (int.from_bytes(head[16:18], "little") - 1)  # of the data, counted in blocks from 1
+    if begin <= 0 or size < begin + data_bytes:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _add_long(c3d: Any, first: int, frames: int) -> None:

@@ -19,8 +19,9 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.motion.formats.points.common import UNIT_WORDS, check_unit, frames_of_rows, in_frames
 from muybridge.motion.formats.points.world import Trajectories
 
+# Separators begin where none is before them (or after one character): long runs of them take linear time.
 _COLUMN = re.compile(
-    r"^(?P<name>.+?)(?:[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
+    r"^(?P<name>.+?)(?:(?:(?<![\s_.:\-/|(\[])|(?<=^.))[\s_.:\-/|(\[]+(?P<a>[xyzXYZ])|(?<=[a-z0-9])(?P<b>[XYZ]))[)\]]?"
     rf"(?:[\s_(\[]+(?P<unit>(?i:{'|'.join(UNIT_WORDS)}))[)\]]?)?$"
 )
 # Frames per second: what is slower has times in another unit.

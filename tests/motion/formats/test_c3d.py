@@ -6,7 +6,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from muybridge.errors import FormatError
+from muybridge.errors import FormatError, OutputError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, read_c3d, read_c3d_take, write_c3d
@@ -223,3 +223,23 @@ def test_point_frames_may_be_a_real_number(tmp_path):
     header = np.array([0, 1, 0, 1, 65_535])
     stated = {"POINT": {"FRAMES": np.array(65_600.0)}}
     assert reader.frames(header, stated, 512, 16) == (65_600, 1)
+
+
+@pytest.mark.parametrize("room", [100, 4096, -300, -1])
+def test_a_full_disk_is_said_and_the_file_before_kept(tmp_path, room):
+    resource = pytest.importorskip("resource")
+    xyz = np.zeros((500, 3, 3))
+    points = Points3D(LandmarkSet("c3d", ("a", "b", "c"), ()), xyz, np.full((500, 3, 3, 3), np.nan),
+                      np.empty((0, 500, 3)), np.empty((0, 500, 3), bool), 100.0)  # fmt: skip
+    path = tmp_path / "a.c3d"
+    write_c3d(path, points)
+    before = path.read_bytes()
+    end = len(before) - (-len(before) % 512)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room if room > 0 else end + room, hard))
+    try:
+        with pytest.raises(OutputError, match="a.c3d cannot be written"):
+            write_c3d(path, points)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]

@@ -1,5 +1,7 @@
 """Points as CSV, Parquet and NPZ: round trips, other programs' ways of writing them, malformed files."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -146,3 +148,24 @@ def test_malformed_npz(tmp_path, arrays, says):
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(FormatError, match=says):
         read_npz(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("name", ["[" * 20000, "a" + "[" * 12000 + "x" + "[" * 12000, "_" * 20000 + "q"])
+def test_long_runs_of_separators_in_a_column_name_take_no_time(tmp_path, name):
+    path = tmp_path / "a.csv"
+    path.write_text(f"time,{name}\n0,1\n0.1,2\n")
+    start = time.process_time()
+    with pytest.raises(FormatError, match="no landmark has columns"):
+        read_csv(path)
+    assert time.process_time() - start < 1.0  # of this process, whatever else runs
+
+
+@pytest.mark.parametrize(("head", "name"), [("_{}", ""), ("__{}", "_"), ("a _{}", "a"), ("[a] ({})", "[a]")])
+def test_separators_before_the_axis_are_no_part_of_the_name(tmp_path, head, name):
+    path = tmp_path / "a.csv"
+    path.write_text("time," + ",".join(head.format(axis) for axis in "xyz") + "\n0,1,2,3\n0.1,1,2,3\n")
+    if not name:
+        with pytest.raises(FormatError, match="no landmark has columns"):
+            read_csv(path)
+    else:
+        assert read_csv(path).landmarks.names == (name,)
