@@ -49,7 +49,7 @@ class DiagnosisOptions:
     min_score: float = 1.5
     min_steady: float = 2.5
     min_deviations: float = 4.0
-    min_agreed: float = 0.7
+    min_agreed: float = 0.6
     max_spread: float = 0.6
     min_effect: float = 0.6
     min_effect_of_person: float = 0.01
