@@ -181,12 +181,11 @@ def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[Tri
     """Every explanation with its errors in each part of the observations, held out from the fit."""
     for c in range(len(setup.cameras)):
         points = leave_one_out_points(take, setup, c)
-        dependence = _dependence(take, setup, c, points)
         for kind in _FREE:
-            trial = _pose_trial(take, setup, c, points, kind, dependence)
+            trial = _pose_trial(take, setup, c, points, kind)
             if trial is not None:
                 yield trial
-        shifted = _shift_trial(take, setup, c, points, _most_shift(take, options), dependence)
+        shifted = _shift_trial(take, setup, c, points, _most_shift(take, options))
         if shifted is not None:
             yield shifted
     # Most permutations are clearly worse already in a few frames.
@@ -232,9 +231,7 @@ def _dependence(take: Take, setup: Setup, c: int, points: FloatArray) -> Depende
     return dependence_of(take.frames, px[c], carried)
 
 
-def _pose_trial(
-    take: Take, setup: Setup, c: int, points: FloatArray, kind: Kind, dependence: Dependence
-) -> Trial | None:
+def _pose_trial(take: Take, setup: Setup, c: int, points: FloatArray, kind: Kind) -> Trial | None:
     """One camera turned, moved or zoomed."""
     free = _FREE[kind]
     camera = setup.cameras[c]
@@ -247,7 +244,7 @@ def _pose_trial(
         return fit_camera(camera, *arrays, free, start, dependence)
 
     everything = np.ones(len(px), dtype=bool), np.ones(px.shape[1], dtype=bool)
-    both = fit(everything, None, dependence)
+    both = fit(everything, None, dependence_of(take.frames, px))
     if both is None:
         return None
     before, after = camera.project(points), both.camera.project(points)
@@ -265,9 +262,7 @@ def _pose_trial(
     return replace(trial, errors=errors, spread=spread, certainty=certainty)
 
 
-def _shift_trial(
-    take: Take, setup: Setup, c: int, points: FloatArray, most: int, dependence: Dependence
-) -> Trial | None:
+def _shift_trial(take: Take, setup: Setup, c: int, points: FloatArray, most: int) -> Trial | None:
     """The time shift of one camera, in whole frames, where it is not zero."""
     predicted = setup.cameras[c].project(points)
 
@@ -290,6 +285,7 @@ def _shift_trial(
     motion = (observed(None)(round(shift) + 1)[0] - observed(None)(round(shift) - 1)[0]) / 2
     expected = np.gradient(predicted, take.frames, axis=0)
     unit = sigma[..., None]
+    dependence = _dependence(take, setup, c, points)
     relative = replace(dependence, patterns=np.nan_to_num(dependence.patterns / unit.reshape(-1, 1)))
     sd = shift_sd((px - predicted) / unit, motion / unit, expected / unit, relative)
     effect = _displacement(*without_bias(np.stack([take.of(setup, c)[0] - px, 0 * px])))
