@@ -181,7 +181,7 @@ def shift_sd(errors: FloatArray, observed: FloatArray, predicted: FloatArray, de
         predicted: (K, J, 2) motion of the predicted points, the same.
         dependence: of the (K J) observations; its patterns in standard deviations.
     """
-    use = np.isfinite(errors).all(-1) & np.isfinite(observed).all(-1) & np.isfinite(predicted).all(-1)
+    use: BoolArray = np.isfinite(np.concatenate([errors, observed, predicted], axis=-1)).all(axis=-1)
     if use.sum() < 2 * _FEWEST_LANDMARKS:
         return float("inf")
     some = dependence.of(use.ravel())
