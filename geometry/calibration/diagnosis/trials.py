@@ -148,7 +148,7 @@ def _length(vector: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Length of a (3,) vector, and its standard deviation along itself."""
     length = float(np.linalg.norm(vector))
     along = vector / max(length, 1e-12)
-    return length, float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return length, float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
 
 
 def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Trials:

@@ -30,9 +30,9 @@ def test_no_camera_is_accused_in_short_takes_of_good_calibrations() -> None:
 
 
 @pytest.mark.slow
-def test_hardly_any_camera_is_accused_in_two_hundred_takes_of_good_calibrations() -> None:
+def test_no_camera_is_accused_in_two_hundred_takes_of_good_calibrations() -> None:
     accused = _accused([simulate(s) for s in range(_FIRST, _FIRST + 200)])
-    assert len(accused) <= 6, accused
+    assert not accused, accused
 
 
 @pytest.mark.parametrize(("kind", "size"), [("turned", 2.0), ("swapped", 0), ("shifted", 8)])
