@@ -43,22 +43,33 @@ class Dependence:
         return Dependence(tuple(way[use] for way in self.clusters), self.patterns[:, use])
 
 
-def dependence_of(frames: FloatArray, points_px: FloatArray) -> Dependence:
+def dependence_of(frames: FloatArray, points_px: FloatArray, carried: FloatArray | None = None) -> Dependence:
     """Dependence of the (K J) 2D points (K, J, 2) of a person in frames (K,), in the order of the flat array.
 
     Errors of one landmark depend on each other, and those of one stretch of time. A network may also place all of a
     view's landmarks a little to one side, or see the person a little too large.
+
+    Args:
+        frames: (K,) frames.
+        points_px: (K, J, 2) px.
+        carried: (S, K J, 2) px, the same errors of the other views, which displace the predicted points.
     """
     count = points_px.shape[1]
     landmark = np.tile(np.arange(count), len(frames))
     stretch = np.repeat(np.floor((frames - frames.min(initial=0.0)) / _STRETCH).astype(np.intp), count)
+    patterns = view_patterns(points_px).reshape(3, -1, 2)
+    return Dependence((landmark, stretch), patterns if carried is None else np.concatenate([patterns, carried]))
+
+
+def view_patterns(points_px: FloatArray) -> FloatArray:
+    """(3, K, J, 2) px, errors of one standard deviation that a view's points (K, J, 2) share: along x, y, and scale."""
     sizes = extent(points_px)
     size = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
     middle = np.stack([row_median(points_px[..., axis]) for axis in (0, 1)], axis=-1)[:, None]
     patterns = np.empty((3, *points_px.shape))
     patterns[0], patterns[1] = _COMMON * size * np.array([1.0, 0.0]), _COMMON * size * np.array([0.0, 1.0])
     patterns[2] = np.nan_to_num(_COMMON_SCALE * (points_px - middle))
-    return Dependence((landmark, stretch), patterns.reshape(3, -1, 2))
+    return patterns
 
 
 def clustered_covariance(
@@ -159,19 +170,34 @@ def without_bias(errors: FloatArray) -> FloatArray:
 def shift_sd(errors: FloatArray, observed: FloatArray, predicted: FloatArray, dependence: Dependence) -> float:
     """Standard deviation of a time shift, frames; infinite where nothing moves.
 
-    Constant errors of a landmark are left out, since they tell nothing about time. The motion of the other cameras'
-    points is the instrument for the observed motion: its errors are others', so that noise is not taken for motion.
+    The smaller one of two estimates: without the constant error of each landmark, and with it, where the errors that
+    all landmarks share count as well. Somebody who walks straight ahead is displaced by a constant. The motion of the
+    other cameras' points is the instrument for the observed motion: its errors are others', so that noise is not taken
+    for motion.
 
     Args:
         errors: (K, J, 2) observed minus predicted, standard deviations.
         observed: (K, J, 2) motion of the observed points, standard deviations a frame.
         predicted: (K, J, 2) motion of the predicted points, the same.
-        dependence: of the (K J) observations; what they share is constant, and left out.
+        dependence: of the (K J) observations; its patterns in standard deviations.
     """
-    use = np.isfinite(errors).all(-1) & np.isfinite(observed).all(-1) & np.isfinite(predicted).all(-1)
+    use: BoolArray = np.isfinite(np.concatenate([errors, observed, predicted], axis=-1)).all(axis=-1)
     if use.sum() < 2 * _FEWEST_LANDMARKS:
         return float("inf")
-    error, seen, expected = (_centred(values, use) for values in (errors, observed, predicted))
+    some = dependence.of(use.ravel())
+    whole = _shift_sd(errors[use], observed[use], predicted[use], some.clusters, some.patterns)
+    centred = _centred(errors, use), _centred(observed, use), _centred(predicted, use)
+    return min(_shift_sd(*centred, some.clusters, None), whole)
+
+
+def _shift_sd(
+    error: FloatArray,
+    seen: FloatArray,
+    expected: FloatArray,
+    clusters: tuple[IntArray, ...],
+    patterns: FloatArray | None,
+) -> float:
+    """Standard deviation of a time shift by errors and motions (N, 2), and (S, N, 2) errors that all share."""
     squares = (error**2).sum(-1)
     scale = student_scale(squares)
     weight = student_weight(squares / scale**2, _DOF, 2)[:, None]
@@ -179,7 +205,8 @@ def shift_sd(errors: FloatArray, observed: FloatArray, predicted: FloatArray, de
     if information <= 0:
         return float("inf")
     scores = (weight * expected * error).sum(-1)[:, None]
-    covariance = clustered_covariance(np.array([[information]]), scores, dependence.of(use.ravel()).clusters)
+    common = None if patterns is None else np.einsum("na,sna->s", weight * expected, patterns)[:, None]
+    covariance = clustered_covariance(np.array([[information]]), scores, clusters, common)
     return float(np.sqrt(covariance[0, 0]))
 
 

@@ -26,6 +26,7 @@ class DiagnosisOptions:
         min_score: minimum mean gain over the landmarks in held-out observations, in standard errors.
         min_steady: the same over stretches of the take.
         min_deviations: minimum size of a fault in its own standard deviations.
+        min_agreed: minimum share of the pairs of other cameras that confirm a time shift.
         max_spread: maximum deviation of the fault as fitted to a part of the observations, as a share of it.
         min_effect: minimum displacement of the camera's 2D points by the fault, in standard deviations of their noise.
         min_effect_of_person: the same as a share of the person's size in the image. A 2D network whose hip landmarks
@@ -48,6 +49,7 @@ class DiagnosisOptions:
     min_score: float = 1.5
     min_steady: float = 2.5
     min_deviations: float = 4.0
+    min_agreed: float = 0.6
     max_spread: float = 0.6
     min_effect: float = 0.6
     min_effect_of_person: float = 0.01

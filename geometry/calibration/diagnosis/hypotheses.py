@@ -7,7 +7,7 @@ choice between explanations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,6 +151,34 @@ def _linearise(camera: Camera, world: FloatArray, px: FloatArray, zooms: bool) -
         zoomed = perturb_camera(lens, np.array([0, 0, 0, 0, 0, 0, _STEP]))
         out[..., 6] = (zoomed.project(rel) - here) / _STEP
     return here - px, out
+
+
+def carried_errors(
+    camera: Camera, others: Sequence[Camera], points_world: FloatArray, patterns: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Displacement of a camera's predicted points by errors of the other views that the points result from.
+
+    Args:
+        camera: the camera of the prediction.
+        others: C cameras.
+        points_world: (N, 3) metres; NaN where unknown.
+        patterns: (C, S, N, 2) px, errors of each view.
+        weights: (C, N) of the views, 1/px^2; 0 where not seen.
+
+    Returns:
+        (C S, N, 2) px.
+    """
+    nothing = np.zeros((len(points_world), 2))
+    own, *each = (
+        np.nan_to_num(-_linearise(one, points_world, nothing, False)[1][..., 3:6]) for one in (camera, *others)
+    )
+    weighted = [weight[:, None, None] * by_point for weight, by_point in zip(weights, each, strict=True)]
+    information = sum((np.swapaxes(w, 1, 2) @ j for w, j in zip(weighted, each, strict=True)), np.zeros((1, 3, 3)))
+    gain = own @ np.linalg.inv(
+        information + (1e-6 * np.trace(information, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
+    )
+    moved = [np.einsum("nij,naj,sna->sni", gain, w, p) for w, p in zip(weighted, patterns, strict=True)]
+    return np.concatenate(moved)
 
 
 def fit_shift(

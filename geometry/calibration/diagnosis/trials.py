@@ -16,11 +16,13 @@ from muybridge.geometry.calibration.diagnosis.evidence import (
     least_score,
     shift_sd,
     size_score,
+    view_patterns,
     without_bias,
 )
 from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions, Kind
 from muybridge.geometry.calibration.diagnosis.hypotheses import (
     Correction,
+    carried_errors,
     fit_camera,
     fit_shift,
     frames_per_observation,
@@ -36,7 +38,9 @@ from muybridge.geometry.calibration.diagnosis.setup import (
     with_files,
     with_shift,
 )
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.robust import student_scale
+from muybridge.geometry.triangulation.multiview import TriangulateOptions, triangulate
 
 _PARAMETERS = {"turned": 3, "moved": 6, "focal": 1, "shifted": 1, "swapped": 1}
 # Changes that are less certain are not fitted to parts of the observations.
@@ -68,8 +72,9 @@ class Trial:
         shift_sd: its standard deviation.
         gain: log-likelihood gained over the rig without the change, less the penalty for its parameters, nats.
         certainty: size of the change in its standard deviations, as a Gaussian deviate; infinite where it has no size.
-        score: mean gain of the landmarks over its standard error; for a time shift, of errors without their biases.
+        score: mean gain of the landmarks over its standard error.
         steady: the same of stretches of the take.
+        agreed: share of the pairs of other cameras by which a time shift has the same sign and about the same size.
     """
 
     kind: Kind
@@ -85,6 +90,7 @@ class Trial:
     gain: float = 0.0
     score: float = 0.0
     steady: float = 0.0
+    agreed: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -142,7 +148,7 @@ def _length(vector: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Length of a (3,) vector, and its standard deviation along itself."""
     length = float(np.linalg.norm(vector))
     along = vector / max(length, 1e-12)
-    return length, float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return length, float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
 
 
 def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Trials:
@@ -160,10 +166,9 @@ def search_trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Trials
     trials = []
     for trial, trial_cost in zip(found, costs, strict=True):
         gain = independent * (cost - trial_cost) - 0.5 * _PARAMETERS[trial.kind] * float(np.log(independent))
-        pair = (errors, trial.errors)
-        if trial.kind == "shifted":
-            pair = (without_bias(errors), without_bias(trial.errors))
-        score, steady = gain_scores(*pair)
+        score, steady = gain_scores(errors, trial.errors)
+        if trial.kind == "shifted":  # biases hide the gain where the motion goes to and fro, and not where it goes on
+            score, steady = max((score, steady), gain_scores(without_bias(errors), without_bias(trial.errors)))
         trials.append(replace(trial, gain=gain, score=score, steady=steady))
     count = len(setup.cameras)
     tried = {kind: count for kind in _FREE} | {
@@ -176,8 +181,8 @@ def _trials(take: Take, setup: Setup, options: DiagnosisOptions) -> Iterator[Tri
     """Every explanation with its errors in each part of the observations, held out from the fit."""
     for c in range(len(setup.cameras)):
         points = leave_one_out_points(take, setup, c)
-        for kind, free in _FREE.items():
-            trial = _pose_trial(take, setup, c, points, kind, free)
+        for kind in _FREE:
+            trial = _pose_trial(take, setup, c, points, kind)
             if trial is not None:
                 yield trial
         shifted = _shift_trial(take, setup, c, points, _most_shift(take, options))
@@ -215,8 +220,20 @@ def _held_out_errors(take: Take, setups: list[Setup]) -> FloatArray:
     return errors
 
 
-def _pose_trial(take: Take, setup: Setup, c: int, points: FloatArray, kind: Kind, free: BoolArray) -> Trial | None:
+def _dependence(take: Take, setup: Setup, c: int, points: FloatArray) -> Dependence:
+    """How errors of camera c against the points (K, J, 3) of the others depend on each other, the others' included."""
+    px, variance = take.all(setup)
+    rest = [k for k in range(len(setup.cameras)) if k != c]
+    patterns = np.stack([view_patterns(px[k]).reshape(3, -1, 2) for k in rest])
+    weights = np.nan_to_num(1 / variance[rest].reshape(len(rest), -1))
+    others = [setup.cameras[k] for k in rest]
+    carried = carried_errors(setup.cameras[c], others, points.reshape(-1, 3), patterns, weights)
+    return dependence_of(take.frames, px[c], carried)
+
+
+def _pose_trial(take: Take, setup: Setup, c: int, points: FloatArray, kind: Kind) -> Trial | None:
     """One camera turned, moved or zoomed."""
+    free = _FREE[kind]
     camera = setup.cameras[c]
     px, variance = take.of(setup, c)
     sigma = take.sigma(variance)
@@ -268,11 +285,34 @@ def _shift_trial(take: Take, setup: Setup, c: int, points: FloatArray, most: int
     motion = (observed(None)(round(shift) + 1)[0] - observed(None)(round(shift) - 1)[0]) / 2
     expected = np.gradient(predicted, take.frames, axis=0)
     unit = sigma[..., None]
-    sd = shift_sd((px - predicted) / unit, motion / unit, expected / unit, dependence_of(take.frames, px))
+    dependence = _dependence(take, setup, c, points)
+    relative = replace(dependence, patterns=np.nan_to_num(dependence.patterns / unit.reshape(-1, 1)))
+    sd = shift_sd((px - predicted) / unit, motion / unit, expected / unit, relative)
     effect = _displacement(*without_bias(np.stack([take.of(setup, c)[0] - px, 0 * px])))
     certainty = size_score(shift, sd, sigma.shape[1])
     errors = _held_out_errors(take, setups)
-    return Trial("shifted", (c,), both, errors, effect, shift=shift, shift_sd=sd, certainty=certainty)
+    agreed = 1.0
+    if certainty >= _WORTH_A_LOOK:
+        pairs = [fit_shift(p, observed(None), most) for p in _predictions_of_pairs(take, setup, c)]
+        close = [s * shift > 0 and abs(s - shift) <= max(1.5, abs(shift) / 2) for s in pairs if s is not None]
+        agreed = float(np.mean(close)) if close else 1.0
+    return Trial(
+        "shifted", (c,), both, errors, effect, shift=shift, shift_sd=sd, certainty=certainty, agreed=agreed
+    )  # fmt: skip
+
+
+def _predictions_of_pairs(take: Take, setup: Setup, c: int) -> list[FloatArray]:
+    """(K, J, 2) projections into camera c of the points of neighbouring pairs of the others; none for one pair."""
+    rest = [k for k in range(len(setup.cameras)) if k != c]
+    if len(rest) < 3:
+        return []
+    px, variance = take.all(setup)
+    out = []
+    for pair in zip(rest, [*rest[1:], rest[0]], strict=True):
+        two = CameraGroup(tuple(setup.cameras[k] for k in pair))
+        found = triangulate(two, px[list(pair)], variance[list(pair)], TriangulateOptions(noise_px=take.noise_px))
+        out.append(setup.cameras[c].project(found.points_world))
+    return out
 
 
 def _displacement(before: FloatArray, after: FloatArray) -> float:
@@ -293,7 +333,10 @@ def is_significant(trial: Trial, found: Trials, person_px: float, options: Diagn
     least_px = max(options.min_effect * noise, options.min_effect_of_person * person_px)
     if trial.kind == "shifted":  # errors of 2D networks resemble a rotation or a zoom, but not a delay
         least = max(options.min_shift, times * trial.shift_sd)
-        return trial.score >= proof and abs(trial.shift) >= least and trial.effect_px >= 0.25 * least_px
+        # Landmarks differ in how much they move, so the variation of their gains is not that of chance. The proof is
+        # the certainty of the estimate, and that pairs of other cameras lead to the same.
+        same = trial.score >= options.min_score and trial.agreed >= options.min_agreed
+        return same and abs(trial.shift) >= least and trial.effect_px >= 0.25 * least_px
     if trial.effect_px < least_px or trial.spread > options.max_spread or trial.score < options.min_score:
         return False
     size = fault_size(trial)

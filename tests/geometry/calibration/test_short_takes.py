@@ -30,12 +30,12 @@ def test_no_camera_is_accused_in_short_takes_of_good_calibrations() -> None:
 
 
 @pytest.mark.slow
-def test_hardly_any_camera_is_accused_in_two_hundred_takes_of_good_calibrations() -> None:
+def test_no_camera_is_accused_in_two_hundred_takes_of_good_calibrations() -> None:
     accused = _accused([simulate(s) for s in range(_FIRST, _FIRST + 200)])
-    assert len(accused) <= 6, accused
+    assert not accused, accused
 
 
-@pytest.mark.parametrize(("kind", "size"), [("turned", 2.0), ("swapped", 0)])
+@pytest.mark.parametrize(("kind", "size"), [("turned", 2.0), ("swapped", 0), ("shifted", 8)])
 def test_large_faults_are_found_in_short_takes(kind: str, size: float) -> None:
     take, guilty = faulty_take(kind, size, 50, _FIRST)
     report = judged(take)
@@ -44,7 +44,15 @@ def test_large_faults_are_found_in_short_takes(kind: str, size: float) -> None:
     if kind != "swapped":
         fault = report.faults[0]
         assert 0 < fault.sd < abs(fault.amount) / 4
-        assert re.search(r"\d\.\d ± \d\.\d degrees", fault.sentence), fault.sentence
+        unit = "degrees" if kind == "turned" else "frames"
+        assert re.search(rf"\d\.\d ± \d\.\d {unit}", fault.sentence), fault.sentence
+
+
+@pytest.mark.parametrize("seed", [_FIRST, _FIRST + 1])
+def test_a_video_three_frames_late_is_found_in_a_hundred_frames(seed: int) -> None:
+    take, guilty = faulty_take("shifted", 3, 100, seed)
+    report = judged(take)
+    assert report is not None and outcome(report, guilty)[0], report
 
 
 def test_a_late_video_of_somebody_who_stands_still_is_not_accused() -> None:
