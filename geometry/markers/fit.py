@@ -17,7 +17,8 @@ def _pair(i: int, j: int, a: int, b: int, seen: FloatArray, known: FloatArray, s
     more = spread / (1.5 * motion + 0.01)
     if more > 1.0:
         fit -= weights[1] * min((more - 1.0) * 0.7, 2.0)
-    return fit * seen[2, i, j]
+    weighted: float = fit * seen[2, i, j]
+    return weighted
 
 
 @numba.njit(cache=True)

@@ -145,7 +145,8 @@ def share_votes(votes: FloatArray, whole: IndexArray, share: float, most: float 
     np.add.at(total, whole, votes)
     others = share * (total[whole] - votes)
     lowest = others.min(1, keepdims=True, initial=0.0)
-    return votes + others * np.minimum(1.0, most / np.maximum(-lowest, 1e-9))
+    shared: FloatArray = votes + others * np.minimum(1.0, most / np.maximum(-lowest, 1e-9))
+    return shared
 
 
 def assign_labels(votes: FloatArray, span: IndexArray, rounds: int = 8) -> IndexArray:

@@ -96,7 +96,8 @@ def stated_up(cloud: MarkerCloud) -> FloatArray | None:
     axis = "XYZ".find(said[-1:]) if said else -1
     if axis < 0 or said[:-1] not in ("", "+", "-"):
         return None
-    return np.eye(3)[axis] * (-1.0 if said[0] == "-" else 1.0)
+    up: FloatArray = np.eye(3)[axis] * (-1.0 if said[0] == "-" else 1.0)
+    return up
 
 
 def exchanged(cloud: MarkerCloud, labelled: Labelled) -> list[tuple[str, str]]:

@@ -89,8 +89,11 @@ def points_of_file(
             message has the likely unit.
     """
     rate = fps or found.fps
-    if not np.isfinite(rate):
+    if np.isnan(rate):
         raise FormatError(f"{path}: does not state its frames per second", remedy="fps_unstated")
+    if not (0 < rate < np.inf and np.isfinite(found.start)):
+        raise FormatError(f"{path}: states {rate:g} frames per second from {found.start:g} s on; the file is damaged, "
+                          "export it again")  # fmt: skip
     names, notices = unique_names(found.names)
     word, assumed = (unit, []) if unit else stated_unit(found)
     notices += assumed
