@@ -150,6 +150,15 @@ def test_what_is_no_table_of_points_names_the_program(tmp_path: Path, text: str,
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("rate", ["0", "-50", "inf", "1e999"])
+def test_a_table_with_an_impossible_frame_rate_is_refused(tmp_path: Path, rate: str) -> None:
+    lines = nexus().split("\n")
+    lines[1] = rate
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    with pytest.raises(FormatError, match=r"a\.csv: .*(frames per second|damaged)"):
+        read_file(tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize("name", TABLES)
 def test_damaged_tables_are_refused_in_one_line_or_sound(tmp_path: Path, name: str) -> None:
     text, rng = TABLES[name][1](), np.random.default_rng(11)

@@ -45,7 +45,8 @@ def read(sheet: Sheet, fps: float | None) -> Trajectories:
     if not rows:
         raise FormatError(f"{path}: has a header and no frames; export it again")
     table = sheet.numbers(rows, [0, *(c + k for c in found for k in range(3))])
-    start = (table[:, 0].min() - 1) / (fps or rate)
+    per_second = fps or rate
+    start = (table[:, 0].min() - 1) / per_second if per_second > 0 else 0.0  # the common check refuses such a rate
     table, _ = placed(path, table, table[:, 0], None, fps)
     unit = check_unit(path, words.pop(), "the unit") if words else ""
     xyz = table[:, 1:].reshape(len(table), len(found), 3)
