@@ -16,7 +16,8 @@ def solve_two_bone(
     limb points at the place with the hinge at the nearest angle.
 
     Args:
-        upper, lower: (3,) metres, the two bones at rest.
+        upper: (3,) metres, the bone from the ball joint to the hinge, at rest.
+        lower: (3,) metres, the bone from the hinge to the limb's end, at rest.
         hinge: (3,) unit axis of the middle joint at rest.
         reach: (T, 3) metres from the limb's root to where the end shall be, in the frame that rest is given in.
         pole: (T, 3) direction that the hinge's axis shall be nearest to.
