@@ -2,12 +2,14 @@
 
 A mirrored image shows its subject's left where the right is, and a network names the limbs by what it sees. With the
 image turned back and the names with it, the views of a good calibration agree; without, they do not, even where all of
-them are mirrored: each is reflected in a plane of its own.
+them are mirrored: each is reflected in a plane of its own. Cameras that stand symmetrically are the exception: their
+mirrored views are those of a mirrored person in the cameras of the other side, so that exchanged videos explain them
+as well (`exchanged_instead`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +24,8 @@ _FRAMES, _LEAST = 60, 100
 # turned back. Of the image's diagonal, they must then be so close, and have been so far apart.
 _BETTER, _CLEARER = 3.0, 2.0
 _CLOSE, _APART = 0.008, 0.004
+# Of more cameras, only single pairs are exchanged on trial.
+_FEW = 6
 
 
 def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ...]:
@@ -34,10 +38,7 @@ def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ..
     Returns:
         Indices of cameras, ascending; empty if none is mirrored, or the views agree in no way.
     """
-    points = _one_person(keypoints)
-    usable = np.flatnonzero((np.isfinite(points[..., 0]).sum(0) >= 2).any(-1))
-    frames = usable[np.unique(np.linspace(0, len(usable) - 1, _FRAMES).astype(int))] if len(usable) else usable
-    points = points[:, frames]
+    points = _compared(keypoints)
     if (np.isfinite(points[..., 0]).sum(0) >= 2).sum() < _LEAST:
         return ()
     turned = np.stack([_turned_back(points[c], keypoints.landmarks.mirror, cam.width) for c, cam in enumerate(cameras)])
@@ -48,6 +49,50 @@ def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ..
     others = np.delete(errors, best)
     much_better = errors[0] > max(_BETTER * errors[best], _APART) and others.min() > _CLEARER * errors[best]
     return choices[best] if much_better and errors[best] < _CLOSE else ()
+
+
+def exchanged_instead(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[tuple[int, int], ...]:
+    """Videos that may have been exchanged with each other, where all seem to be mirrored.
+
+    Args:
+        cameras: C cameras.
+        keypoints: people's landmarks, of which `find_mirrored` finds all videos mirrored.
+
+    Returns:
+        Pairs of camera indices whose exchange lets the views agree about as well as mirroring does; empty if none does.
+    """
+    points, count = _compared(keypoints), len(cameras)
+    every = tuple(range(count))
+    turned = np.stack([_turned_back(points[c], keypoints.landmarks.mirror, cam.width) for c, cam in enumerate(cameras)])
+    mirrored = _disagreement(cameras, points, turned, every)
+    found: tuple[tuple[int, int], ...] = ()
+    least = _CLEARER * mirrored
+    for pairs in _exchanges(every, count // 2 if count <= _FEW else 1):
+        order = list(every)
+        for a, b in pairs:
+            order[a], order[b] = b, a
+        error = _disagreement(cameras, points[order], turned, ())
+        if error <= least:
+            found, least = pairs, error
+    return found
+
+
+def _exchanges(cameras: tuple[int, ...], most: int) -> Iterator[tuple[tuple[int, int], ...]]:
+    """All ways to exchange one to `most` disjoint pairs."""
+    for k, pair in enumerate(combinations(cameras, 2)):
+        yield (pair,)
+        if most > 1:
+            later = list(combinations(cameras, 2))[k + 1 :]
+            rest = tuple(c for c in cameras if c not in pair)
+            yield from ((pair, *more) for more in _exchanges(rest, most - 1) if more[0] in later)
+
+
+def _compared(keypoints: Keypoints2D) -> FloatArray:
+    """(C, F, J, 2) px of one person in frames where two cameras see something, spread over the take."""
+    points = _one_person(keypoints)
+    usable = np.flatnonzero((np.isfinite(points[..., 0]).sum(0) >= 2).any(-1))
+    frames = usable[np.unique(np.linspace(0, len(usable) - 1, _FRAMES).astype(int))] if len(usable) else usable
+    return points[:, frames]
 
 
 def _one_person(keypoints: Keypoints2D) -> FloatArray:

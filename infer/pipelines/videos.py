@@ -14,7 +14,7 @@ from muybridge.geometry.calibration import save_calibration
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.sync.clocks import resample_keypoints
-from muybridge.geometry.triangulation.mirrored import find_mirrored
+from muybridge.geometry.triangulation.mirrored import exchanged_instead, find_mirrored
 from muybridge.infer.detection.detect import CameraResult, DetectOptions, damage_notices, detect, file_names, first_pass
 from muybridge.infer.detection.frozen_frames import repeats_notice
 from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinement
@@ -245,10 +245,16 @@ def _refuse_mirrored(session: Session, keypoints: Keypoints2D) -> None:
     mirrored = find_mirrored(session.cameras, keypoints)
     if mirrored:
         files = [session.videos[c].path.name for c in mirrored]
-        what = "all videos are mirrored, as programs for webcams record them" if len(mirrored) > 1 else "it is mirrored"
+        what, instead = "it is mirrored", ""
+        if len(mirrored) > 1:
+            what = "all videos are mirrored, as programs for webcams record them"
+            names = [v.path.name for v in session.videos]
+            pairs = [f"{names[a]} and {names[b]}" for a, b in exchanged_instead(session.cameras, keypoints)]
+            if pairs:
+                instead = f"; or, which shows no difference, these videos are exchanged: {', '.join(pairs)}"
         raise SessionError(
-            f"{', '.join(files)}: {what}: turned back, the views agree; turn each back, such as "
-            f"`ffmpeg -i {files[0]} -vf hflip -crf 18 OUT.mp4`, and record without mirroring"
+            f"{', '.join(files)}: {what}: turned back, the views agree{instead}; turn each mirrored video back, such "
+            f"as `ffmpeg -i {files[0]} -vf hflip -crf 18 OUT.mp4`, and record without mirroring"
         )
 
 

@@ -8,7 +8,7 @@ import pytest
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.geometry.triangulation.mirrored import find_mirrored
+from muybridge.geometry.triangulation.mirrored import exchanged_instead, find_mirrored
 from tests.rigs import ring_of_cameras
 from tests.staged_people import person
 
@@ -67,6 +67,24 @@ def test_a_wrong_calibration_or_clock_is_no_mirroring(seed):
     assert find_mirrored(CameraGroup(tuple(moved)), _views(cameras, (), seed)) == ()
     assert find_mirrored(CameraGroup(tuple(swapped)), _views(cameras, (), seed)) == ()
     assert find_mirrored(cameras, _views(cameras, (), seed, shift=20)) == ()
+
+
+def test_exchanged_videos_of_a_symmetric_rig_are_named_beside_mirroring():
+    """Where cameras stand symmetrically the two cannot be told apart; where they do not, mirroring is certain."""
+    cameras = ring_of_cameras(["cam0", "cam1", "cam2"], size=SIZE)
+    views = _views(cameras, (), 3)
+    exchanged = replace(views, points_px=views.points_px[[0, 2, 1]], score=views.score[[0, 2, 1]])
+    assert find_mirrored(cameras, exchanged) == (0, 1, 2)
+    assert exchanged_instead(cameras, exchanged) == ((1, 2),)
+
+    moved = list(cameras)
+    pose = moved[1].cam_from_world.copy()
+    pose[:, 3] += [0.4, 0.2, 0.9]
+    moved[1] = moved[1].posed(pose)
+    lopsided = CameraGroup(tuple(moved))
+    mirrored = _views(lopsided, (0, 1, 2), 3)
+    assert find_mirrored(lopsided, mirrored) == (0, 1, 2)
+    assert exchanged_instead(lopsided, mirrored) == ()
 
 
 def test_two_cameras_face_to_face_leave_it_open():
