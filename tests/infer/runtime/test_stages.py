@@ -8,6 +8,7 @@ import pytest
 
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Stages, StageStore
+from tests.paths import DATA
 
 ARRAYS = {"points": np.arange(12.0).reshape(4, 3), "names": np.array(["a", "bc"])}
 
@@ -46,3 +47,19 @@ def test_a_damaged_stage_is_computed_again(tmp_path, damage):
     again = Stages(store, Progress(), ["inputs"])("s", 1, lambda: computed.append(1) or (ARRAYS, {}))
     assert computed and not again.resumed and again.key == first.key
     assert Stages(store, Progress(), ["inputs"])("s", 1, lambda: (ARRAYS, {})).resumed, "stored soundly again"
+
+
+CASES = DATA / "cases" / "stage_cache"
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="needs shared/data/cases")
+def test_damaged_stages_of_real_runs_are_no_results(tmp_path):
+    files = sorted(CASES.glob("*.npz"))
+    assert files
+    store = StageStore(tmp_path)
+    for file in files:
+        store.path("s").write_bytes(file.read_bytes())
+        found = store.load("s", "key")
+        assert found is None and not store.holds("s", "key"), file.name
+        computed = Stages(store, Progress(), ["inputs"])("s", 1, lambda: (ARRAYS, {}))
+        assert not computed.resumed and store.holds("s", computed.key)
