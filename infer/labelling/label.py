@@ -308,9 +308,7 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
     for factor in FACTORS:
         if APART_M[0] <= usual * factor <= APART_M[1]:
             if factor != 1.0:
-                notes.append(
-                    f"the points are not in the unit that the file states or usually has: they were multiplied by {factor:g}"
-                )
+                notes.append(f"the file states no unit or a wrong one: its points were multiplied by {factor:g}")
             return factor
     raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
 

@@ -202,8 +202,8 @@ def test_every_command_refuses_a_person_of_1700_metres(
 
 
 def test_label_corrects_a_wrong_unit_and_says_so(tmp_path: Path) -> None:
-    for factor, said in ((1.0, ["the points are not in the unit that the file states or usually has: they were multiplied by 0.001"]),
-                         (1e-3, [])):  # fmt: skip
+    multiplied = "the file states no unit or a wrong one: its points were multiplied by 0.001"
+    for factor, said in ((1.0, [multiplied]), (1e-3, [])):
         notes: list[str] = []
         metres_of(read_marker_cloud(written(tmp_path / "a.csv", factor=factor)).points, notes)
         assert notes == said
