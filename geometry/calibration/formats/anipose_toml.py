@@ -10,7 +10,6 @@ differ in the position of the tables and in the names of the cameras:
 
 from __future__ import annotations
 
-import tomllib
 from typing import Any
 
 import tomli_w
@@ -18,6 +17,7 @@ import tomli_w
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     in_metres,
     left_out_note,
     lens_distortion,
@@ -26,6 +26,7 @@ from muybridge.geometry.calibration.formats.common import (
     make_group,
     numbers,
     opencv_lens,
+    parse_toml,
     pixel_count,
     pose_from,
     rotation_from,
@@ -35,16 +36,6 @@ from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import log_so3
 
 _MISSING: tuple[Any, ...] = (None, "null", "None", [])
-
-
-def parse_toml(text: str) -> dict[str, Any]:
-    """Parse a TOML text; raises `Malformed` with line and column."""
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise Malformed("broken TOML: nested too deeply") from None
-    except ValueError as error:
-        raise Malformed(f"broken TOML: {error}") from None
 
 
 def read_rig_toml(text: str) -> Calibration:
@@ -72,10 +63,8 @@ def read_rig_toml(text: str) -> Calibration:
         elif table.get("rotation") in _MISSING or table.get("translation") in _MISSING:
             no_pose.append(name)
         else:
-            try:
+            with about(f"camera {name}"):
                 cameras.append(_camera(name, table))
-            except Malformed as error:
-                raise Malformed(f"camera {name}: {error}") from None
     if no_pose and len(cameras) < 2:
         raise Malformed(
             f"no pose (rotation and translation) for {', '.join(no_pose)}: finish the calibration of the extrinsics"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -240,12 +242,45 @@ def check_nesting(text: str) -> None:
 
 def parse_json(text: str) -> Any:
     """Parse a JSON text; raises `Malformed`."""
+    return _parsed(json.loads, text, "JSON")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse a TOML text; raises `Malformed` with line and column."""
+    table: dict[str, Any] = _parsed(tomllib.loads, text, "TOML")
+    return table
+
+
+def _parsed(loads: Callable[[str], Any], text: str, kind: str) -> Any:
     try:
-        return json.loads(text)
+        return loads(text)
     except RecursionError:
-        raise Malformed("broken JSON: nested too deeply") from None
+        raise Malformed(f"broken {kind}: nested too deeply") from None
     except ValueError as error:
-        raise Malformed(f"broken JSON: {error}") from None
+        raise Malformed(f"broken {kind}: {error}") from None
+
+
+@contextmanager
+def about(what: str) -> Iterator[None]:
+    """Let errors of reading begin with what they are about, such as `camera 3`."""
+    try:
+        yield
+    except Malformed as error:
+        raise Malformed(f"{what}: {error}") from None
+
+
+def table_with(value: Any, fields: Sequence[str]) -> dict[str, Any]:
+    """A map that has these fields.
+
+    Raises:
+        Malformed: it is no map, or which fields are missing.
+    """
+    if not isinstance(value, dict):
+        raise Malformed("it is no map")
+    missing = [field for field in fields if field not in value]
+    if missing:
+        raise Malformed(f"{', '.join(missing)} missing")
+    return value
 
 
 def check_plausible(cameras: CameraGroup) -> None:

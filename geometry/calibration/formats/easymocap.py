@@ -16,6 +16,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     five_terms,
     guessed_size,
     guessed_sizes_note,
@@ -76,7 +77,7 @@ def read_easymocap(text: str, path: Path) -> Calibration:
     if no_pose and len(every) - len(no_pose) < 2:
         raise Malformed(f"no pose (R_NAME or Rot_NAME, and T_NAME) for {', '.join(no_pose)}")
     for name in (n for n in every if n not in no_pose):
-        try:
+        with about(f"camera {name}"):
             lens = opencv_lens(_matrix(data, f"K_{name}", (9,)), _distortion(data, name), fisheye=False)
             size = _size(data, name)
             if size is None:
@@ -86,8 +87,6 @@ def read_easymocap(text: str, path: Path) -> Calibration:
             rotation = rotation_from(_matrix(data, turn, (3, 9)), turn)
             pose = pose_from(rotation, _matrix(data, f"T_{name}", (3,)))
             cameras.append(make_camera(name, lens, size, pose))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     group, notes = in_metres(make_group(cameras), None, "convert it, EasyMocap is in metres")
     notes = (*notes, *guessed_sizes_note([c for c in group if c.name in guessed]), *left_out_note(no_pose))
     return Calibration(group, "EasyMocap", notes, no_pose, guessed_sizes=frozenset(guessed))

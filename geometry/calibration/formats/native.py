@@ -23,14 +23,16 @@ from typing import Any
 
 import tomli_w
 
-from muybridge.geometry.calibration.formats.anipose_toml import parse_toml
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     make_camera,
     make_group,
     numbers,
+    parse_toml,
     pixel_count,
+    table_with,
 )
 from muybridge.geometry.cameras._pycolmap import pycolmap
 from muybridge.geometry.cameras.camera import Camera
@@ -68,10 +70,8 @@ def _camera(position: int, table: Any) -> Camera:
         raise Malformed(f"camera {position} is not a table: write [[cameras]] before each")
     name = table.get("name")
     label = f"camera {name}" if isinstance(name, str) and name else f"camera {position}"
-    try:
-        missing = [field for field in _FIELDS if field not in table]
-        if missing:
-            raise Malformed(f"{', '.join(missing)} missing")
+    with about(label):
+        table_with(table, _FIELDS)
         unknown = [field for field in table if field not in _FIELDS]
         if unknown:
             raise Malformed(f"unknown field {', '.join(unknown)}; valid: {', '.join(_FIELDS)}")
@@ -81,8 +81,6 @@ def _camera(position: int, table: Any) -> Camera:
         params = tuple(numbers(table["params"], "params").tolist())
         pose = numbers(table["cam_from_world"], "cam_from_world", (12,)).reshape(3, 4)
         return make_camera(name, (table["model"], params), size, pose)
-    except Malformed as error:
-        raise Malformed(f"{label}: {error}") from None
 
 
 def native_text(cameras: CameraGroup) -> str:

@@ -32,6 +32,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     check_nesting,
     guessed_size,
     guessed_sizes_note,
@@ -136,10 +137,8 @@ def _calibration(found: Sequence[tuple[str, dict[str, Any]]], unit: str | None, 
         )
     cameras: list[Camera] = []
     for name, item in posed:
-        try:
+        with about(f"camera {name}"):
             cameras.append(_camera(name, item))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     group, notes = in_metres(make_group(cameras), unit, "unit: cm, at the top level of the file")
     guessed = frozenset(name for name, item in posed if not _has_size(item))
     notes = (*notes, *guessed_sizes_note([c for c in group if c.name in guessed]), *left_out_note(no_pose))

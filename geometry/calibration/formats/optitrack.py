@@ -20,6 +20,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     five_terms,
     lens_terms,
     make_camera,
@@ -78,11 +79,9 @@ def _cameras(rows: list[dict[str, str]]) -> Calibration:
         name = (row.get("Serial") or "").strip()
         if not name:
             raise Malformed(f"camera {position} has no Serial")
-        try:
+        with about(f"camera {name}"):
             turns.append(rotation_from(np.array([_value(row, k) for k in _TURN]), "OrientMatrix0..8"))
             others.append((name, *_lens(row), np.array([_value(row, k) for k in "XYZ"])))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     centers = np.stack([o[-1] for o in others])
     notes = ["Motive's world has Y up: it was rotated to Z up", "Motive's lens terms were read as OpenCV's"]
     world_from_cams = np.stack(turns)

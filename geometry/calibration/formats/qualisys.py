@@ -19,6 +19,7 @@ import numpy as np
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     five_terms,
     lens_matrix,
     make_camera,
@@ -56,10 +57,8 @@ def read_qualisys(text: str) -> Calibration:
         if element.get("active") == "0" or element.get("calibrated") == "false":
             left_out.append(name)
             continue
-        try:
+        with about(f"camera {name}"):
             cameras.append(_camera(name, element))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     if not cameras:
         raise Malformed("no <camera> is active and calibrated")
     notes = (f"left out, not active or not calibrated: {', '.join(left_out)}",) if left_out else ()

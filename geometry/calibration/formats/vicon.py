@@ -21,6 +21,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     make_camera,
     make_group,
     number,
@@ -55,10 +56,8 @@ def read_vicon(text: str) -> Calibration:
         if frame is None:
             not_calibrated.append(name)
             continue
-        try:
+        with about(f"camera {name}"):
             camera, taken = _camera(name, element, frame)
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
         cameras.append(camera)
         read_as_opencv |= taken
     if not cameras:

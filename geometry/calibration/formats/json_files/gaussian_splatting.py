@@ -13,6 +13,7 @@ from muybridge.geometry.calibration.formats.common import (
     ARBITRARY_SCALE,
     Calibration,
     Malformed,
+    about,
     make_camera,
     make_group,
     number,
@@ -21,6 +22,7 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     pose_from,
     rotation_from,
+    table_with,
 )
 from muybridge.geometry.cameras.camera import Camera
 
@@ -39,19 +41,13 @@ def read_gaussian_splatting(text: str) -> Calibration:
     cameras = []
     for position, table in enumerate(data):
         name = str(table.get("img_name", position)) if isinstance(table, dict) else str(position)
-        try:
+        with about(f"image {name}"):
             cameras.append(_camera(PurePosixPath(name.replace("\\", "/")).stem or name, table))
-        except Malformed as error:
-            raise Malformed(f"image {name}: {error}") from None
     return Calibration(make_group(cameras), "Gaussian splatting JSON", (ARBITRARY_SCALE,))
 
 
 def _camera(name: str, table: Any) -> Camera:
-    if not isinstance(table, dict):
-        raise Malformed("it is no map")
-    missing = [field for field in _FIELDS if field not in table]
-    if missing:
-        raise Malformed(f"{', '.join(missing)} missing")
+    table = table_with(table, _FIELDS)
     width, height = (pixel_count(table[field], field) for field in _FIELDS[:2])
     fx, fy = (number(table[field], field) for field in _FIELDS[4:])
     rotation = rotation_from(numbers(table["rotation"], "rotation", (9,)), "rotation").T

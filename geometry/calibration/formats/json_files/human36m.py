@@ -12,6 +12,7 @@ from typing import Any
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     guessed_size,
     guessed_sizes_note,
     left_out_note,
@@ -45,10 +46,8 @@ def read_human36m(text: str, path: Path) -> Calibration:
     no_pose = tuple(name for name in lenses if name not in poses)
     cameras = []
     for name in (n for n in lenses if n in poses):
-        try:
+        with about(f"camera {name}"):
             cameras.append(_camera(name, lenses[name], poses[name]))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     group = make_group(cameras)
     notes = (*notes, *guessed_sizes_note(list(group)), *left_out_note(no_pose))
     return Calibration(group, "Human3.6M JSON", notes, no_pose, frozenset(group.names))

@@ -12,6 +12,7 @@ import numpy as np
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     make_camera,
     make_group,
     numbers,
@@ -20,6 +21,7 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     pose_from,
     rotation_from,
+    table_with,
 )
 from muybridge.geometry.cameras.camera import Camera
 
@@ -42,19 +44,13 @@ def read_panoptic(text: str) -> Calibration:
     cameras = []
     for position, table in enumerate(tables, start=1):
         name = str(table.get("name", f"cam{position:02d}")) if isinstance(table, dict) else f"cam{position:02d}"
-        try:
+        with about(f"camera {name}"):
             cameras.append(_camera(name, table))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
     return Calibration(make_group(cameras), "Panoptic JSON")
 
 
 def _camera(name: str, table: Any) -> Camera:
-    if not isinstance(table, dict):
-        raise Malformed("it is no map")
-    missing = [field for field in _FIELDS if field not in table]
-    if missing:
-        raise Malformed(f"{', '.join(missing)} missing")
+    table = table_with(table, _FIELDS)
     width, height = numbers(table["resolution"], "resolution", (2,)).tolist()
     lens = opencv_lens(numbers(table["K"], "K", (9,)), numbers(table.get("distCoef", []), "distCoef"), fisheye=False)
     rotation = rotation_from(numbers(table["R"], "R", (9,)), "R") @ _PANOPTIC_FROM_ZUP

@@ -13,6 +13,7 @@ import numpy as np
 from muybridge.geometry.calibration.formats.common import (
     Calibration,
     Malformed,
+    about,
     guessed_size,
     guessed_sizes_note,
     in_metres,
@@ -25,6 +26,7 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     pose_from,
     rotation_from,
+    table_with,
 )
 from muybridge.geometry.cameras.camera import Camera
 
@@ -46,10 +48,8 @@ def read_voxelpose(text: str) -> Calibration:
     guessed: list[str] = []
     for key, table in found.items():
         name = f"cam{key}" if key.isdigit() else key
-        try:
+        with about(f"camera {name}"):
             cameras.append(_camera(name, table))
-        except Malformed as error:
-            raise Malformed(f"camera {name}: {error}") from None
         if "width" not in table or "height" not in table:
             guessed.append(name)
     group, notes = in_metres(make_group(cameras), None, "divide T by 1000 in the file")
@@ -58,9 +58,7 @@ def read_voxelpose(text: str) -> Calibration:
 
 
 def _camera(name: str, table: dict[str, Any]) -> Camera:
-    missing = [field for field in _FIELDS if field not in table]
-    if missing:
-        raise Malformed(f"{', '.join(missing)} missing")
+    table = table_with(table, _FIELDS)
     fx, fy, cx, cy = (number(table[field], field) for field in _FIELDS[2:])
     radial = numbers(table.get("k", [0.0] * 3), "k", (2, 3)).tolist()
     tangential = numbers(table.get("p", [0.0] * 2), "p", (2,)).tolist()
