@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,10 +27,10 @@ from muybridge.geometry.markers.voting import (
     sort_by_track,
     vote,
 )
-from muybridge.geometry.markers.whole import WholeOptions
+from muybridge.geometry.markers.whole import Bodies, WholeOptions
 from muybridge.infer.labelling.certainty import by_piece, certainty, evidence_of
 from muybridge.infer.labelling.file_names import believe_names, columns_of, with_names
-from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, judged, one_or_two, settle, up_turn
+from muybridge.infer.labelling.settle import Settled, bodies_of, find_upright, judged, one_or_two, settle
 from muybridge.infer.networks.labelling import LabelNetwork
 
 _log = logging.getLogger(__name__)
@@ -144,28 +143,16 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
     scores = open_to_any(scores) if known else scores
     for note in notes:
         _log.info(note)
-    last: Settled | None = None
-    raw, label = scores, _elect(scores, tracks, fps, options)
+    raw, label, last = scores, _elect(scores, tracks, fps, options), None
     if options.distances:
-        if options.votes:
-            first = settle(label, scores, tracks, turn, markers, bodies, options.whole)
-            label = first.label
-            t, s = np.nonzero(first.changed & (label >= 0))
-            scores = raw.copy()
-            scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
-        scores, label = _repair(scores, label, tracks, fps, asked, network, options, known)
-        if options.votes:
-            last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
-            label = last.label
+        scores, label, last = _by_distances(raw, label, tracks, fps, turn, markers, network, bodies, options, known)
+    smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
     hint, kept = columns_of(names, markers), np.zeros(len(markers), bool)
     if last is not None and (hint >= 0).any():
         foreign = ~find_markers(names).unnamed & ~np.isin(np.arange(len(names)), hint)
-        sure = _labelled(
-            markers, label, _over_time(raw, tracks.track, fps, options), turn, scale, tracks, []
-        ).confidence
+        sure = _labelled(markers, label, smooth, turn, scale, tracks, []).confidence
         label, kept = believe_names(label, sure, hint, foreign, raw, tracks, bodies, options.whole)
         last = judged(label, raw, tracks, turn, markers, bodies, options.whole)
-    smooth = _over_time(raw, tracks.track, fps, options) if options.votes else scores
     done = _labelled(markers, label, smooth, turn, scale, tracks, notes)
     if last is not None:
         fit = _fit(label, tracks, asked, network, options)
@@ -174,6 +161,26 @@ def label_points(points: FloatArray, fps: float, markers: MarkerSet, network: La
         sure = with_names(by_piece(certainty(evidence), fit, done.column), done.column, hint, kept)
         done = replace(done, confidence=np.where(found, sure, 0.0), evidence=evidence)
     return done
+
+
+def _by_distances(
+    raw: FloatArray, label: IndexArray, tracks: Tracks, fps: float, turn: FloatArray, markers: MarkerSet,
+    network: LabelNetwork, bodies: Bodies, options: LabelOptions, known: MarkerDistances | None,
+) -> tuple[FloatArray, IndexArray, Settled | None]:  # fmt: skip
+    """Scores that include distances between markers, the labels by them, and, where trajectories vote, the whole that
+    was settled."""
+    asked, scores = np.array(markers.surface_indices), raw
+    if options.votes:
+        first = settle(label, raw, tracks, turn, markers, bodies, options.whole)
+        label = first.label
+        t, s = np.nonzero(first.changed & (label >= 0))
+        scores = raw.copy()
+        scores[t, s, label[t, s]] = np.maximum(raw[t, s, label[t, s]], options.vote.floor) + _SETTLED
+    scores, label = _repair(scores, label, tracks, fps, asked, network, options, known)
+    if not options.votes:
+        return scores, label, None
+    last = settle(label, raw, tracks, turn, markers, bodies, options.whole)
+    return scores, last.label, last
 
 
 def _over_time(scores: FloatArray, track: IndexArray, fps: float, options: LabelOptions) -> FloatArray:
@@ -237,9 +244,7 @@ def _elect(scores: FloatArray, tracks: Tracks, fps: float, options: LabelOptions
 def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork,
             options: LabelOptions, known: MarkerDistances | None) -> tuple[FloatArray, IndexArray]:  # fmt: skip
     """Scores that include distances between markers, and the resulting labels."""
-    card, choice = network.card, np.ix_(asked, asked)
-    how = options.rigidity
-    table = card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice]
+    how, table = options.rigidity, network.card.between(asked)
     prior = known_rigidity(known, *table, how.links) if known else prior_rigidity(*table, how.links)
     fitted, weight = scores, how.weight * (KNOWN_WEIGHT if known else 1.0)
     for turn in range(how.rounds):
@@ -261,10 +266,7 @@ def _repair(scores: FloatArray, label: IndexArray, tracks: Tracks, fps: float, a
 def _fit(label: IndexArray, tracks: Tracks, asked: IndexArray, network: LabelNetwork,
          options: LabelOptions) -> FloatArray:  # fmt: skip
     """(T, M) how well every labelled point's distances fit in its frame, from -1 to 1; see `distance_scores`."""
-    card, choice = network.card, np.ix_(asked, asked)
-    prior = prior_rigidity(
-        card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], options.rigidity.links
-    )
+    prior = prior_rigidity(*network.card.between(asked), options.rigidity.links)
     named, owner = _named(label, tracks.points, len(asked))
     fit = distance_scores(tracks.points, named, owner, measured_rigidity(named, prior, options.rigidity))
     out = np.zeros(named.shape[:2])
@@ -311,21 +313,3 @@ def metres_of(points: FloatArray, notes: list[str]) -> float:
                 notes.append(f"the file states no unit or a wrong one: its points were multiplied by {factor:g}")
             return factor
     raise FormatError(f"neighbouring points are {usual:.3g} m apart: no person in any unit; check the file's unit")
-
-
-def upright(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
-    """The rotation to Z up, of six candidates for the file's up axis, with which the network is most confident."""
-    full = (tracks.track >= 0).sum(1)
-    frames = np.linspace(0, len(full) - 1, min(24, len(full))).astype(int)
-    frames = frames[full[frames] >= 0.6 * full.max()]
-    if not len(frames):
-        frames = np.array([int(full.argmax())])
-    best, most = np.eye(3), -np.inf
-    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
-        turn = up_turn(axis, sign)
-        scores = network.scores(tracks, fps, asked, frames, turn)
-        known = np.isfinite(scores[..., 0])
-        confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
-        if confidence > most:
-            best, most = turn, confidence
-    return best

@@ -16,8 +16,9 @@ from muybridge.geometry.landmarks.marker_sets import ANYWHERE, SETS, SURFACE, Ma
 from muybridge.geometry.landmarks.real_markers import find_markers
 from muybridge.geometry.markers.known_distances import measure_distances
 from muybridge.geometry.markers.tracking import Tracks
-from muybridge.infer.labelling.label import metres_of, upright
+from muybridge.infer.labelling.label import metres_of
 from muybridge.infer.labelling.set_evidence import median_distances, name_evidence, partners_by_name, place_evidence
+from muybridge.infer.labelling.settle import upright_by_network
 from muybridge.infer.networks.labelling import LabelNetwork
 from muybridge.models.shipped import shipped_model
 from muybridge.motion.formats.points.unlabelled import read_marker_cloud
@@ -181,7 +182,7 @@ class _View:
         column = np.where(np.isfinite(points[..., 0]), np.arange(points.shape[1]), -1)
         self.tracks = Tracks(points * metres_of(points, self.notes), column, column, False)
         self.fps, self.network = fps, network
-        self.turn = upright(self.tracks, fps, np.arange(len(SURFACE)), network)
+        self.turn = upright_by_network(self.tracks, fps, np.arange(len(SURFACE)), network)
         self.frames = np.linspace(0, len(points) - 1, min(_FRAMES, len(points))).astype(int)
         self._found: dict[tuple[str, ...], FloatArray] = {}
 

@@ -22,6 +22,8 @@ _MEASURED_M = 0.015
 # Quality of the better and of the other of two people relative to that of one person made of both.
 _WHOLE, _HALF = 0.85, 0.5
 _FRAMES = 24
+# What may be up, the usual first.
+_AXES = tuple(itertools.product((2, 1, 0), (1.0, -1.0)))
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,7 @@ class Settled:
 def bodies_of(network: LabelNetwork, markers: MarkerSet, options: WholeOptions,
               known: MarkerDistances | None = None) -> Bodies:  # fmt: skip
     """What the network's metadata say about the distances of a set, and what was measured on the person before."""
-    card, choice = network.card, np.ix_(markers.surface_indices, markers.surface_indices)
-    out = known_bodies(card.distance_m[choice], card.motion_m[choice], card.bodies_m[choice], markers.names, options)
+    out = known_bodies(*network.card.between(markers.surface_indices), markers.names, options)
     if known is None:
         return out
     there = np.isfinite(known.mean_m)
@@ -148,15 +149,11 @@ def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelN
         options: see `WholeOptions`.
         stated: (3,) what the file says is up, which is believed unless it is far worse; None where it says nothing.
     """
-    full = (tracks.track >= 0).sum(1)
-    frames = np.linspace(0, len(full) - 1, min(_FRAMES, len(full))).astype(int)
-    frames = frames[full[frames] >= 0.6 * full.max()]
-    if not len(frames):
-        frames = np.array([int(full.argmax())])
+    frames = _full_frames(tracks)
     some = Tracks(tracks.points[frames], tracks.track[frames], tracks.column[frames], tracks.tracked)
     asked = np.array(markers.surface_indices)
     found = []
-    for axis, sign in itertools.product((2, 1, 0), (1.0, -1.0)):
+    for axis, sign in _AXES:
         turn = up_turn(axis, sign)
         prior = 0.0 if (axis, sign) in ((2, 1.0), (1, 1.0)) else -_UNUSUAL
         if stated is not None:
@@ -180,6 +177,29 @@ def find_upright(tracks: Tracks, fps: float, markers: MarkerSet, network: LabelN
         if value > most:
             best, most = turn, value
     return best, most
+
+
+def upright_by_network(tracks: Tracks, fps: float, asked: IndexArray, network: LabelNetwork) -> FloatArray:
+    """The rotation to Z up, of six candidates, with which the network is most confident: for recordings whose markers
+    are of no set yet. Arguments as `find_upright`; `asked` (A,) are points of `SURFACE`."""
+    frames = _full_frames(tracks)
+    best, most = np.eye(3), -np.inf
+    for axis, sign in _AXES:
+        turn = up_turn(axis, sign)
+        scores = network.scores(tracks, fps, asked, frames, turn)
+        known = np.isfinite(scores[..., 0])
+        confidence = float(scores[known][:, :-1].max(1).clip(-6).mean())
+        if confidence > most:
+            best, most = turn, confidence
+    return best
+
+
+def _full_frames(tracks: Tracks) -> IndexArray:
+    """Frames over the whole recording in which most points are there."""
+    full = (tracks.track >= 0).sum(1)
+    frames = np.linspace(0, len(full) - 1, min(_FRAMES, len(full))).astype(int)
+    frames = frames[full[frames] >= 0.6 * full.max()]
+    return frames if len(frames) else np.array([int(full.argmax())])
 
 
 def one_or_two(people: list[Tracks], everybody: Tracks, fps: float, markers: MarkerSet, network: LabelNetwork,

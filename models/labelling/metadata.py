@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import ModelError, parsing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.models.metadata_reader import Reader
@@ -36,6 +36,11 @@ class LabelModelCard:
     motion_m: FloatArray
     bodies_m: FloatArray
     metadata: Mapping[str, str]
+
+    def between(self, points: Sequence[int] | IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`distance_m`, `motion_m` and `bodies_m`, each (A, A), of some points of `SURFACE`."""
+        some = np.ix_(np.asarray(points), np.asarray(points))
+        return self.distance_m[some], self.motion_m[some], self.bodies_m[some]
 
 
 def label_card(metadata: Mapping[str, str], path: Path) -> LabelModelCard:
