@@ -5,7 +5,7 @@ from pathlib import Path
 
 from muybridge.errors import SessionError
 from muybridge.geometry.cameras.group import CameraGroup
-from muybridge.infer.session.chapters import VIDEO_SUFFIXES, camera_films, recorded_order
+from muybridge.infer.session.chapters import VIDEO_SUFFIXES, camera_videos, recorded_order
 from muybridge.infer.session.pairing import in_order, natural_key, numbered_otherwise, pair_by_name
 from muybridge.infer.session.probe import is_video
 from muybridge.infer.session.timestamps import TIMESTAMPS
@@ -34,7 +34,7 @@ IMAGE_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".
 def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     """The videos of a session in natural order, and notices about other files among them.
 
-    A video is a file, or the folder of a camera that has one of its own (see `camera_films`).
+    A video is a file, or the folder of a camera that has one of its own (see `camera_videos`).
 
     Raises:
         SessionError: no such folder, no `videos/` in it, no video there, two files of one name, or a results folder.
@@ -64,7 +64,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
     own = {f"{OVERLAY}{f.stem}" for f in found}
     ignored += [f.name for f in found if f.stem in own]
     found = [f for f in found if f.stem not in own]
-    cameras = [] if found or folder == path else [f for f in _folders(folder) if camera_films(f)]
+    cameras = [] if found or folder == path else [f for f in _folders(folder) if camera_videos(f)]
     if cameras:
         held = ", ".join(_in_order(f) for f in cameras)
         beside = [name for name in ignored if name not in {f.name for f in cameras}]
@@ -84,7 +84,7 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
 
 def _in_order(folder: Path) -> str:
     """A camera's files as they are read, such as `cam1/GX01.MP4 + GX02.MP4`."""
-    return f"{folder.name}/{' + '.join(p.name for p in recorded_order(folder, camera_films(folder)))}"
+    return f"{folder.name}/{' + '.join(p.name for p in recorded_order(folder, camera_videos(folder)))}"
 
 
 def is_results(path: Path) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import VideoError, parsing
 from muybridge.infer.runtime.digests import digest, sampled_digest
-from muybridge.infer.session.chapters import camera_films, recorded_order
+from muybridge.infer.session.chapters import camera_videos, recorded_order
 
 # Containers that list every frame in an index, so that a shortfall means lost frames.
 _COUNTED = {"mov", "mp4", "m4a", "3gp", "3g2", "mj2"}
@@ -136,7 +136,7 @@ def probe_video(path: Path) -> VideoInfo:
         SessionError: a folder with other files than the chapters of one recording.
     """
     if path.is_dir():
-        return _joined(path, [probe_video(file) for file in recorded_order(path, camera_films(path))])
+        return _joined(path, [probe_video(file) for file in recorded_order(path, camera_videos(path))])
     with parsing(path, VideoError, "a video"):
         return _probe_file(path)
 
