@@ -41,7 +41,7 @@ def find_mirrored(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[int, ..
     points = _compared(keypoints)
     if (np.isfinite(points[..., 0]).sum(0) >= 2).sum() < _LEAST:
         return ()
-    turned = np.stack([_turned_back(points[c], keypoints.landmarks.mirror, cam.width) for c, cam in enumerate(cameras)])
+    turned = _turned_back(cameras, points, keypoints.landmarks.mirror)
     every = tuple(range(len(cameras)))
     choices = [(), every, *(combinations(every, 1) if len(every) > 2 else ())]
     errors = np.array([_disagreement(cameras, points, turned, choice) for choice in choices])
@@ -63,7 +63,7 @@ def exchanged_instead(cameras: CameraGroup, keypoints: Keypoints2D) -> tuple[tup
     """
     points, count = _compared(keypoints), len(cameras)
     every = tuple(range(count))
-    turned = np.stack([_turned_back(points[c], keypoints.landmarks.mirror, cam.width) for c, cam in enumerate(cameras)])
+    turned = _turned_back(cameras, points, keypoints.landmarks.mirror)
     mirrored = _disagreement(cameras, points, turned, every)
     found: tuple[tuple[int, int], ...] = ()
     least = _CLEARER * mirrored
@@ -101,10 +101,10 @@ def _one_person(keypoints: Keypoints2D) -> FloatArray:
     return np.take_along_axis(keypoints.points_px, best[:, :, None, None, None], axis=2)[:, :, 0]
 
 
-def _turned_back(points_px: FloatArray, mirror: Sequence[int], width: int) -> FloatArray:
-    """(T, J, 2) landmarks of a mirrored video as the camera saw them."""
-    back = points_px[:, list(mirror)].copy()
-    back[..., 0] = width - 1 - back[..., 0]
+def _turned_back(cameras: CameraGroup, points_px: FloatArray, mirror: Sequence[int]) -> FloatArray:
+    """(C, T, J, 2) landmarks of mirrored videos as the cameras saw them."""
+    back = points_px[:, :, list(mirror)].copy()
+    back[..., 0] = np.array([camera.width - 1 for camera in cameras])[:, None, None] - back[..., 0]
     return back
 
 

@@ -118,7 +118,7 @@ def _spread(times: list[int], most: int) -> list[int]:
 
 def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
     """Difference of two poses: radians, or board sizes of translation."""
-    turn = np.linalg.norm(log_so3(a[:3, :3] @ b[:3, :3].T))
+    turn = _angle(a[:3, :3], b[:3, :3])
     return float(turn + np.linalg.norm(a[:3, 3] - b[:3, 3]) / (2 * size))
 
 
@@ -140,7 +140,7 @@ def _relative(
     if len(new) >= 3 and agree < _AGREE_SHARE:
         raise CalibrationError(
             f"camera {name}: where it stands comes out differently from view to view ({agree:.0%} of {len(new)} shared "
-            f"views agree); {_explained(new, boards, turns, size)}"
+            f"views agree); {_explained(new, boards, turns)}"
         )
     if len(turns) > 1:
         other = apart[best] > 0.5
@@ -157,28 +157,30 @@ def _relative(
     return np.asarray(flat[best])
 
 
-def _explained(
-    new: Sequence[FloatArray], boards: Sequence[FloatArray], turns: Sequence[FloatArray], size: float
-) -> str:
+def _explained(new: Sequence[FloatArray], boards: Sequence[FloatArray], turns: Sequence[FloatArray]) -> str:
     """Why a camera's views may contradict those of the others."""
     if len(turns) > 1:
         return _MIRRORED if _is_mirrored(new, boards) else _UNPAIRED
     # Markers that are read are not mirrored; but a print on the back has the same numbers.
+    front = _camera_turns(new, boards, np.eye(4))
     for axis in (0, 1):
         flip = np.diag([-1.0, -1.0, -1.0, 1.0])
         flip[axis, axis] = 1.0
-        spots = [n @ flip @ np.linalg.inv(w) for n, w in zip(new, boards, strict=True)]
-        front = [n @ np.linalg.inv(w) for n, w in zip(new, boards, strict=True)]  # it may see both sides in turn
-        away = [
-            [
-                min(np.linalg.norm(log_so3(a[:3, :3] @ s[:3, :3].T)) for s in sides)
-                for sides in zip(spots, front, strict=True)
-            ]
-            for a in spots
-        ]
+        back = _camera_turns(new, boards, flip)
+        # It may see both sides in turn.
+        away = [[min(_angle(a, f), _angle(a, b)) for f, b in zip(front, back, strict=True)] for a in back]
         if (np.array(away) < _AGREE_RAD).mean(axis=1).max() >= _SURE_SHARE:
             return _BACK
     return _UNPAIRED
+
+
+def _camera_turns(new: Sequence[FloatArray], boards: Sequence[FloatArray], flip: FloatArray) -> list[FloatArray]:
+    """(3, 3) how a camera is turned by each view, if what it sees of the board is flipped."""
+    return [(n @ flip @ np.linalg.inv(w))[:3, :3] for n, w in zip(new, boards, strict=True)]
+
+
+def _angle(a: FloatArray, b: FloatArray) -> float:
+    return float(np.linalg.norm(log_so3(a @ b.T)))
 
 
 def _is_mirrored(new: Sequence[FloatArray], boards: Sequence[FloatArray]) -> bool:

@@ -74,7 +74,7 @@ def _stature(points: FloatArray, names: Sequence[str]) -> float:
             total, parts = total + float(np.mean(known)), parts + part
     if parts == 0:
         raise CalibrationError(
-            "the person's size cannot be told: no leg and no trunk was seen by two cameras; film the whole body"
+            "the person's size cannot be determined: no leg and no trunk was seen by two cameras; record the whole body"
         )
     return total / parts
 
@@ -100,7 +100,9 @@ def _up(cameras: CameraGroup, people: FloatArray, names: Sequence[str]) -> tuple
     axis = _mean(people, _columns(names, "shoulder")) - _mean(people, _columns(names, "ankle"))
     axis = axis[np.isfinite(axis).all(axis=-1)]
     if not len(axis):
-        raise CalibrationError("up cannot be told: shoulders and ankles were never seen together; film the whole body")
+        raise CalibrationError(
+            "up cannot be determined: shoulders and ankles were never seen together; record the whole body"
+        )
     body = np.median(axis / np.linalg.norm(axis, axis=-1, keepdims=True), axis=0)
     body /= np.linalg.norm(body)
     floor = _floor_normal(people, names, body)
