@@ -89,11 +89,6 @@ def find_markers(names: Sequence[str], listed: Collection[str] = ()) -> PointKin
     return PointKinds(marker, unnamed, {reason: tuple(found) for reason, found in computed.items()})
 
 
-def is_joint_centre(name: str) -> bool:
-    """Whether a name is that of a joint centre (`LKJC`)."""
-    return bool(_CENTRE.search(name.rsplit(":", 1)[-1].strip()))
-
-
 def _reason(name: str) -> str | None:
     if _CENTRE.search(name):
         return _CENTRES

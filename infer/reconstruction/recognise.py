@@ -23,11 +23,11 @@ from muybridge.geometry.skeleton.aliases import (
 )
 from muybridge.geometry.skeleton.joint_regressions import landmarks_from_markers
 from muybridge.geometry.triangulation.plausibility import trunk_of
+from muybridge.motion.formats.points.common import UNIT_NAMES
 from muybridge.motion.formats.points.person import STATURES, stature_of
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
 _FEWEST_LABELS = 6
-_UNITS = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +143,13 @@ def check_size(
     if not np.isfinite(stature) or STATURES[0] <= stature <= STATURES[1]:
         return stature
     message = f"{path}: the person would be {stature:,.4g} m tall"
-    for unit in _UNITS if can_use(path, "units") else ():
+    for unit in UNIT_NAMES if can_use(path, "units") else ():
         try:
             other = read_file(path, replace(options, units=unit)).positions
         except FormatError:  # beyond any room in this unit
             continue
         if STATURES[0] <= stature_of(recognise(path, other, (), markers).points.points_world) <= STATURES[1]:
-            message += f"; the file's numbers are likely {_UNITS[unit]}"
+            message += f"; the file's numbers are likely {UNIT_NAMES[unit]}"
             raise FormatError(message, remedy="unit_of_points", unit=unit)
     raise FormatError(f"{message}; no usual unit makes that a person: are the labels right?")
 

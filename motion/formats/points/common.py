@@ -9,6 +9,7 @@ from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import FormatError, MuybridgeError
 
 METRES_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches"}
 # Every spelling that files have of them, in small letters.
 UNIT_WORDS = {word: unit for unit, words in {
     "m": ("m", "meter", "metre", "meters", "metres"),

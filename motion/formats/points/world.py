@@ -14,7 +14,7 @@ from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import FormatError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
-from muybridge.motion.formats.points.common import METRES_OF_UNIT, UP_PERMUTATION, check_unit, check_up
+from muybridge.motion.formats.points.common import METRES_OF_UNIT, UNIT_NAMES, UP_PERMUTATION, check_unit, check_up
 from muybridge.motion.formats.points.person import implausible_stature
 
 # Metres from the origin: no room is so large, and no lab has its origin so far away.
@@ -27,7 +27,6 @@ _USUAL = 1.5
 _THROUGH_ORIGIN = 3.0
 # Frames that are converted at once, so that a long file needs no second copy.
 _CHUNK = 4096
-_UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches"}
 _NAMED = 4
 
 
@@ -119,7 +118,7 @@ def stated_unit(found: Trajectories) -> tuple[str, list[str]]:
     """The unit by the file or its program, "" where neither tells, and a sentence where the program decided."""
     if found.unit or not found.usual_unit:
         return found.unit, []
-    return found.usual_unit, [f"the file does not state its unit: {_UNIT_NAMES[found.usual_unit]} were assumed"]
+    return found.usual_unit, [f"the file does not state its unit: {UNIT_NAMES[found.usual_unit]} were assumed"]
 
 
 def unique_names(names: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
@@ -219,7 +218,7 @@ def check_reach(path: Path, names: Sequence[str], points: FloatArray, metres: fl
         likely = min(METRES_OF_UNIT, key=lambda u: abs(np.log(usual / metres * METRES_OF_UNIT[u] / _USUAL)))
         message = f"{path}: its points lie {usual:,.4g} m from the origin"
         if METRES_OF_UNIT[likely] != metres:
-            raise FormatError(f"{message}; the file's numbers are likely {_UNIT_NAMES[likely]}",
+            raise FormatError(f"{message}; the file's numbers are likely {UNIT_NAMES[likely]}",
                               remedy="unit_of_points", unit=likely)  # fmt: skip
         raise FormatError(f"{message}; no room is so large")
     count = f" and {far.sum() - 1} more" if far.sum() > 1 else ""
@@ -241,7 +240,7 @@ def _check_size(path: Path, names: tuple[str, ...], xyz: FloatArray, metres: flo
     if found is not None and found[0] > 0:  # all at one place: zeros in all frames, which are noted as such
         tall, unit, absurd = found
         message = f"the person would be {tall:,.4g} m tall"
-        likely = f"; the file's numbers are likely {_UNIT_NAMES[unit]}" if unit else ""
+        likely = f"; the file's numbers are likely {UNIT_NAMES[unit]}" if unit else ""
         if unit and absurd and not stated:
             raise FormatError(f"{path}: {message}{likely}", remedy="unit_of_points", unit=unit)
         notices.append(message + likely)
