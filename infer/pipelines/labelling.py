@@ -153,7 +153,7 @@ def summary(content: dict[str, Any], out: Path) -> str:
     lines = [
         f"{content['markers_found']} of {len(content['markers'])} markers of {content['marker_set']} found; "
         f"{math.floor(content['sure'] * 1e3) / 10:.1f}% of the names are at least {CERTAIN:.0%} certain, "
-        f"{doubtful} spans are doubtful",
+        f"{doubtful} {'span is' if doubtful == 1 else 'spans are'} doubtful",
         *content["notes"],
         *content["corrections"],
     ]
