@@ -1,0 +1,5 @@
+"""Things that people use, and scenes of people with them: made by rules, not downloaded."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
