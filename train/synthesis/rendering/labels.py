@@ -114,9 +114,10 @@ def marker_labels(view: View, shape: Shape, metres: Float32Array) -> tuple[Float
     return px.astype(np.float32), inside & seen
 
 
-def expose(rgba: ByteArray) -> ByteArray:
-    """Bring the mean luma of a person into `LUMA`, in place, like a camera's exposure control."""
-    person = rgba[..., 3] > 0
+def expose(rgba: ByteArray, metered: BoolArray | None = None) -> ByteArray:
+    """Bring the mean luma of a person, or of the `metered` pixels (H, W), into `LUMA`, in place, like a camera's
+    exposure control."""
+    person = rgba[..., 3] > 0 if metered is None else metered
     for _ in range(3 if person.any() else 0):
         luma = float(rgba[person, :3].mean(0) @ [0.299, 0.587, 0.114])
         wanted = float(np.clip(luma, *LUMA))
