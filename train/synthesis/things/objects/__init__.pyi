@@ -1,0 +1,3 @@
+from . import mobility as mobility
+
+__all__ = ["mobility"]

@@ -1,0 +1,3 @@
+from . import sitting as sitting
+
+__all__ = ["sitting"]
