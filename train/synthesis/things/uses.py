@@ -6,7 +6,7 @@ import numpy as np
 
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.things.scene import Scene
-from muybridge.train.synthesis.things.using import sitting
+from muybridge.train.synthesis.things.using import riding, sitting
 
 USES: dict[str, Callable[[BodyModel, np.random.Generator], Scene]] = {
     "chair": sitting.seated("chair", "office chair"),
@@ -17,4 +17,8 @@ USES: dict[str, Callable[[BodyModel, np.random.Generator], Scene]] = {
     "table": sitting.table_user(False),
     "desk": sitting.table_user(True),
     "two at a table": sitting.two_at_table,
+    "bicycle": riding.cyclist,
+    "bicycle on rollers": riding.cyclist_on_rollers,
+    "motorbike": riding.motorcyclist,
+    "horse": riding.horse_rider,
 }
