@@ -106,7 +106,10 @@ def office_chair(
     depth = rng.uniform(0.4, 0.5) if depth is None else depth
     frame, pad = surface(rng, "dark", "metal", "dark"), surface(rng, "cloth", "dark", "leather")
     lean, high = rng.uniform(3, 18), rng.uniform(0.4, 0.75)
-    parts = [box((width, depth, 0.08), (0, 0, seat - 0.04), pad, 0.03), rod((0, 0, 0.1), (0, 0, seat - 0.08), 0.03, frame)]
+    parts = [
+        box((width, depth, 0.08), (0, 0, seat - 0.04), pad, 0.03),
+        rod((0, 0, 0.1), (0, 0, seat - 0.08), 0.03, frame),
+    ]
     spin = rng.uniform(0, 72)
     for angle in np.radians(spin + np.arange(5) * 72):
         way = np.array([np.cos(angle), np.sin(angle), 0])

@@ -113,7 +113,9 @@ class Figure:
             self.local[self.index[bone]] = turn(angles * share)
         self._skin = None
 
-    def leg(self, side: str, hip: float, knee: float, out: float = 0.0, inward: float = 0.0, ankle: float = 5.0) -> None:
+    def leg(
+        self, side: str, hip: float, knee: float, out: float = 0.0, inward: float = 0.0, ankle: float = 5.0
+    ) -> None:
         """A free leg: flexion of the hip, of the knee, how far out it is and is turned in, flexion of the foot."""
         sign, i = SIGN[side], self.index
         thigh = rot(1, -sign * out) @ rot(0, -hip) @ rot(2, sign * -inward)

@@ -45,7 +45,9 @@ def habit(f: Figure, name: str, sides: str = "LR") -> None:
         k = f.skeleton
         rest = k.at(anchor) + drawn * 1e-3 * k.height * [sign, 1, 1]
         rotation, origin = f.frame(bone)
-        elbow = rotation @ (np.array(way.elbow) * [sign, 1, 1]) if bone == "root" else np.array(way.elbow) * [sign, 1, 1]
+        elbow = (
+            rotation @ (np.array(way.elbow) * [sign, 1, 1]) if bone == "root" else np.array(way.elbow) * [sign, 1, 1]
+        )
         f.hand(side, origin + rotation @ (rest - k.at(bone)), elbow=elbow, grip="", palm=0.0)
 
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
-from muybridge.train.synthesis.motions.rig import SIDES, SPINE, rot
-from muybridge.train.synthesis.things.built import Built, Spot, spot
+from muybridge.train.synthesis.motions.rig import SIDES, rot
+from muybridge.train.synthesis.things.built import Built, Spot
 from muybridge.train.synthesis.things.objects import seats, tables
 from muybridge.train.synthesis.things.objects.mobility import wheelchair
 from muybridge.train.synthesis.things.scene import Scene
 from muybridge.train.synthesis.things.shapes import Mesh
-from muybridge.train.synthesis.things.using.figure import HIPS, SIGN, Figure, posed
+from muybridge.train.synthesis.things.using.figure import HIPS, Figure, posed
 from muybridge.train.synthesis.things.using.hands import on_top, seated_hands, thigh_top
 
 Feet = Callable[[], None]
@@ -150,7 +150,9 @@ def floor_seat(body: BodyModel, rng: np.random.Generator) -> Scene:
     f, pad = Figure(body, rng), seats.cushion(rng)
     seat, style = pad.spots["seat"], rng.random()
     f.trunk(yaw_of(seat.axis) + rng.normal(0, 8), pitch=rng.uniform(-14, 2), lean=rng.uniform(0, 30))
-    drawn = (rng.uniform(0.42, 0.6), rng.uniform(0.62, 0.8), rng.uniform(0.9, 1.0))[int(3 * style)] * (f.thigh + f.shank)
+    drawn = (rng.uniform(0.42, 0.6), rng.uniform(0.62, 0.8), rng.uniform(0.9, 1.0))[int(3 * style)] * (
+        f.thigh + f.shank
+    )
 
     def plant() -> None:
         for s, sign in SIDES:
@@ -219,7 +221,9 @@ def at_table(f: Figure, desk: bool) -> list[Built]:
         f.head(f.u(5, 25) - 0.3 * f.bent, f.rng.normal(0, 4), f.rng.normal(0, 12))
     else:
         on_top(f, middle, front)
-    lies = tables.clutter(rng, 0.7 * table.spots["top"].size[0], 0.6 * table.spots["top"].size[1], int(rng.integers(0, 6)))
+    lies = tables.clutter(
+        rng, 0.7 * table.spots["top"].size[0], 0.6 * table.spots["top"].size[1], int(rng.integers(0, 6))
+    )
     if lies is not None:
         made.append(_lying(lies, table, f.yaw))
     return made
@@ -284,5 +288,3 @@ def _turn_round(f: Figure, by: FloatArray) -> None:
     f.yaw += 180
     f.root = turned @ f.root
     f.move(by)
-
-

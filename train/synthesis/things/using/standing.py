@@ -10,7 +10,6 @@ from muybridge.train.synthesis.motions.rig import SIDES, forward, rot
 from muybridge.train.synthesis.things.using.figure import Figure
 from muybridge.train.synthesis.things.using.sitting import ahead, left
 
-
 BENDS = 9  # that are tried
 
 
