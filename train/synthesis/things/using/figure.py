@@ -270,6 +270,18 @@ class Figure:
         assert hand is not None
         return float(np.linalg.norm(self.at("wrist." + side) + hand @ to_palm - place))
 
+    def grip(self, side: str) -> tuple[FloatArray, FloatArray]:
+        """Turn (3, 3) and place (3,) of what a hand holds: y along the knuckles to the little finger, z out of the back
+        of the hand."""
+        sign = np.array([SIGN[side], 1, 1])
+        rotation, origin = self.frame("wrist." + side)
+        y, out = unit(KNUCKLES * sign), unit(PALM * sign)
+        z = unit(out - (out @ y) * y)
+        finger = unit(self.skeleton.at("finger3-1." + side) - self.skeleton.at("wrist." + side))
+        place = origin + rotation @ (self.k * (0.078 * finger - 0.03 * out))
+        self._grips[side] = "grip"
+        return rotation @ np.stack([np.cross(y, z), y, z], -1), place
+
     def skin(self) -> FloatArray:
         """(P, 3) points of the skin in the world."""
         if self._skin is None:
