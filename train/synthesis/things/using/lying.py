@@ -38,8 +38,9 @@ def lie(f: Figure, top: Spot, style: str, lifted: str = "") -> None:
     f.root = top.at + [0, top.size[1] / 2 - f.u(0.06, 0.2) - (f.skeleton.height - float(f.skeleton.rest[0, 2])), 0.12]
     f.move((0, 0, 0))
     f.lie_on(top, *_TRUNK, soft=0.02)
-    free = {k: np.ones(1) for k in sink}
-    lain = {k: np.full(1, v) for k, v in sink.items()}
+    limbs = [name + s for name in ("arm", "leg", "shank") for s, _ in SIDES] + ["head"]
+    free = {k: np.full(1, float(k in sink)) for k in limbs}
+    lain = {k: np.full(1, sink.get(k, 0.0)) for k in limbs}
     f.local = sink_limbs(f.skeleton, f.local[None], f.root[None] - top.at * [0, 0, 1], 1.0, lain, free)[0]
     f.move((0, 0, 0))
 
