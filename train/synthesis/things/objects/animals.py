@@ -14,8 +14,11 @@ def _leg(rng: np.random.Generator, hip: np.ndarray, thick: float, coat: Surface,
     knee = hip + rot(0, swing) @ np.array([0, 0.04 * bend / 5 * high, -0.5 * high])
     foot = np.array([hip[0], hip[1] - np.tan(np.radians(swing)) * high * 0.9, 0.0])
     fetlock = foot + [0, 0.015 * high, 0.1 * high]
-    return join(capsule(hip, knee, (1.5 * thick, 0.75 * thick), coat), capsule(knee, fetlock, (0.7 * thick, 0.45 * thick), coat, 8),
-                capsule(fetlock, foot + [0, 0, 0.03 * high], (0.5 * thick, 0.62 * thick), hoof, 8))  # fmt: skip
+    return join(
+        capsule(hip, knee, (1.5 * thick, 0.75 * thick), coat),
+        capsule(knee, fetlock, (0.7 * thick, 0.45 * thick), coat, 8),
+        capsule(fetlock, foot + [0, 0, 0.03 * high], (0.5 * thick, 0.62 * thick), hoof, 8),
+    )
 
 
 def _quadruped(
@@ -38,9 +41,16 @@ def _quadruped(
     nose = poll + rot(0, rng.uniform(-12, 14)) @ np.array([0, -0.75, -0.55]) * head
     parts.append(capsule(poll, nose, (0.36 * head, 0.2 * head), coat, 12))
     for s in (-1, 1):
-        parts += [capsule(poll + [s * 0.18 * head, 0.05 * head, 0.25 * head],
-                          poll + [s * 0.24 * head, 0.02 * head, 0.6 * head], (0.1 * head, 0.03 * head), coat, 8),
-                  ellipsoid((0.05 * head,) * 3, poll + [s * 0.33 * head, -0.2 * head, 0.02 * head], dark, 8)]  # fmt: skip
+        parts += [
+            capsule(
+                poll + [s * 0.18 * head, 0.05 * head, 0.25 * head],
+                poll + [s * 0.24 * head, 0.02 * head, 0.6 * head],
+                (0.1 * head, 0.03 * head),
+                coat,
+                8,
+            ),
+            ellipsoid((0.05 * head,) * 3, poll + [s * 0.33 * head, -0.2 * head, 0.02 * head], dark, 8),
+        ]
     return parts, nose
 
 

@@ -73,8 +73,11 @@ def car_inside(rng: np.random.Generator, size: float, seat: float) -> Built:
     w, d, high = 0.5, 0.5, rng.uniform(0.58, 0.68) * max(size, 0.8)
     back = [box((w, 0.12, high), (0, d / 2 + 0.06, seat + high / 2), pad, 0.05),
             box((0.28, 0.09, 0.2), (0, d / 2 + 0.05, seat + high + 0.13), pad, 0.04)]  # fmt: skip
-    parts = [box((w, d + 0.08, 0.16), (0, 0.0, seat - 0.08), pad, 0.05), join(*back).turned(rot(0, -lean), (0, d / 2, seat)),
-             box((0.42, 0.45, max(seat - 0.16, 0.04)), (0, 0, max(seat - 0.16, 0.04) / 2), dark)]  # fmt: skip
+    parts = [
+        box((w, d + 0.08, 0.16), (0, 0.0, seat - 0.08), pad, 0.05),
+        join(*back).turned(rot(0, -lean), (0, d / 2, seat)),
+        box((0.42, 0.45, max(seat - 0.16, 0.04)), (0, 0, max(seat - 0.16, 0.04) / 2), dark),
+    ]
     spots: dict[str, Spot] = {"seat": seat_spot(seat, w, d), "back": back_spot(d / 2, seat, seat + high, w, lean)}
     wheel_at = np.array([0, -0.2 - 0.24 * size, seat + rng.uniform(0.3, 0.38) * size])
     tilt, r = rot(0, rng.uniform(15, 35)), rng.uniform(0.17, 0.2)

@@ -50,13 +50,19 @@ def bicycle(rng: np.random.Generator, fit: Fit | None = None) -> Built:
     head = front + np.array([0, 0.33, 0.9]) * ((bar[2] - front[2]) * 0.62 / 0.9)
     top = bracket + up * min(fit.saddle - 0.1, max(head[2] - bracket[2], 0.3))
     t = rng.uniform(0.014, 0.024)
-    parts = [rod(bracket, saddle - up * 0.03, 0.7 * t, metal), rod(bracket, top, t, paint), rod(bracket, head, 1.15 * t, paint),
-             rod(head + (front - head) * 0.15, head + (bar - head) * 0.9, 1.1 * t, paint)]  # fmt: skip
+    parts = [
+        rod(bracket, saddle - up * 0.03, 0.7 * t, metal),
+        rod(bracket, top, t, paint),
+        rod(bracket, head, 1.15 * t, paint),
+        rod(head + (front - head) * 0.15, head + (bar - head) * 0.9, 1.1 * t, paint),
+    ]
     parts.append(rod(top - up * (0.25 if style == 2 else 0.0), head, t, paint))
     for s in (-1, 1):
-        parts += [rod(bracket + [0.02 * s, 0, 0], rear + [0.05 * s, 0, 0], 0.5 * t, paint),
-                  rod(top, rear + [0.05 * s, 0, 0], 0.45 * t, paint),
-                  rod(head + (front - head) * 0.1 + [0.04 * s, 0, 0], front + [0.05 * s, 0, 0], 0.6 * t, paint)]  # fmt: skip
+        parts += [
+            rod(bracket + [0.02 * s, 0, 0], rear + [0.05 * s, 0, 0], 0.5 * t, paint),
+            rod(top, rear + [0.05 * s, 0, 0], 0.45 * t, paint),
+            rod(head + (front - head) * 0.1 + [0.04 * s, 0, 0], front + [0.05 * s, 0, 0], 0.6 * t, paint),
+        ]
     parts += [wheel(r, tyre, (float(w[0]), float(w[1]), float(w[2])), rubber, metal, 14, rng.uniform(0, 90))
               for w in (rear, front)]  # fmt: skip
     parts.append(_saddle(saddle, rubber, 0.07 if style < 2 else 0.1))

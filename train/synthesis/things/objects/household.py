@@ -61,8 +61,15 @@ def coat(rng: np.random.Generator) -> Mesh:
     closed = np.concatenate([rings[::-1], rings[::-1][:, :1]], 1)
     parts = [sheet(closed, 0.008, fabric)]
     for s in (-1, 1):
-        parts.append(capsule((s * 0.19, 0, -0.1), (s * rng.uniform(0.2, 0.28), rng.uniform(-0.05, 0.05), -0.62), (0.06, 0.05),
-                             fabric, 9))  # fmt: skip
+        parts.append(
+            capsule(
+                (s * 0.19, 0, -0.1),
+                (s * rng.uniform(0.2, 0.28), rng.uniform(-0.05, 0.05), -0.62),
+                (0.06, 0.05),
+                fabric,
+                9,
+            )
+        )
     return join(*parts)
 
 
@@ -134,8 +141,20 @@ def statue(rng: np.random.Generator) -> Built:
     high, style = rng.uniform(1.1, 1.9), rng.random()
     stone = surface(rng, "stone", "wood", "white", "brass", "cloth")
     if style < 0.4:
-        profile = np.array([(0.17, 0), (0.17, 0.05), (0.03, 0.07), (0.03, 0.45), (0.16, 0.47), (0.17, 0.55), (0.12, 0.65),
-                            (0.18, 0.8), (0.05, 0.84), (0.045, 0.87)])  # fmt: skip
+        profile = np.array(
+            [
+                (0.17, 0),
+                (0.17, 0.05),
+                (0.03, 0.07),
+                (0.03, 0.45),
+                (0.16, 0.47),
+                (0.17, 0.55),
+                (0.12, 0.65),
+                (0.18, 0.8),
+                (0.05, 0.84),
+                (0.045, 0.87),
+            ]
+        )
         parts = [lathe(profile * [1, high], (0, 0, 0), stone, 18)]
         if rng.random() < 0.5:
             parts.append(ellipsoid((0.075, 0.09, 0.11), (0, 0, high * 0.87 + 0.1), stone, 12))

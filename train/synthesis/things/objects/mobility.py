@@ -107,8 +107,11 @@ def walker(rng: np.random.Generator, grip: float | None = None) -> Built:
     for side, s in (("L", 1), ("R", -1)):
         top = [(s * half, front - 0.04, foot), (s * half, front + 0.1, grip - 0.06), (s * half, front + 0.16, grip),
                (s * half, rear - 0.02, grip)]  # fmt: skip
-        parts += [tube(top, t, frame), rod((s * half, rear - 0.1, grip), (s * half, rear + 0.02, grip), 0.018, rubber),
-                  rod((s * half, rear - 0.08, grip - 0.02), (s * (half + 0.02), rear + 0.02, foot), t, frame)]  # fmt: skip
+        parts += [
+            tube(top, t, frame),
+            rod((s * half, rear - 0.1, grip), (s * half, rear + 0.02, grip), 0.018, rubber),
+            rod((s * half, rear - 0.08, grip - 0.02), (s * (half + 0.02), rear + 0.02, foot), t, frame),
+        ]
         spots["grip" + side] = spot((s * half, rear - 0.04, grip), axis=(0, 1, 0))
         for y in (front - 0.04, rear + 0.02):
             if rolls:

@@ -32,17 +32,21 @@ def fiddle(rng: np.random.Generator, kind: str) -> Built:
     outline = _waisted(half * (0.85 if electric else 1), long, waist)
     parts = [prism(outline[::-1] if _clockwise(outline) else outline, 0.04 if electric else deep, body)]
     top = (0.04 if electric else deep) / 2
-    parts += [box((0.05 * (k if kind != "violin" else 0.5), neck + 0.1, 0.02), (0, neck / 2 - 0.05, top + 0.008), dark, 0.004),
-              box((0.075 if kind == "guitar" else 0.045, 0.14, 0.025), (0, neck + 0.07, top - 0.005), body, 0.005),
-              box((0.6 * half, 0.02, 0.02), (0, -0.68 * long, top + 0.01), dark)]  # fmt: skip
+    parts += [
+        box(
+            (0.05 * (k if kind != "violin" else 0.5), neck + 0.1, 0.02), (0, neck / 2 - 0.05, top + 0.008), dark, 0.004
+        ),
+        box((0.075 if kind == "guitar" else 0.045, 0.14, 0.025), (0, neck + 0.07, top - 0.005), body, 0.005),
+        box((0.6 * half, 0.02, 0.02), (0, -0.68 * long, top + 0.01), dark),
+    ]
     if kind == "guitar" and not electric:
         parts.append(disc(0.048, 0.003, (0, -0.28 * long, top + 0.001), dark))
     if kind == "cello":
-        parts.append(rod((0, -long, 0), (0, -long - 0.35, 0), 0.006, surface(rng, "metal"), 6))
+        parts.append(rod((0, -long, 0), (0, -long - 0.15, 0), 0.006, surface(rng, "metal"), 6))
     spots = {
         "neck": spot((0, rng.uniform(0.35, 0.9) * neck, top - 0.005), axis=(0, 1, 0)),
         "strings": spot((0, -0.42 * long, top + 0.02), axis=(1, 0, 0)),
-        "tail": spot((0, -long, 0)), "foot": spot((0, -long - 0.35, 0)),
+        "tail": spot((0, -long, 0)), "foot": spot((0, -long - 0.15, 0)),
         "rib": spot((half * 0.9, -0.7 * long, 0)),
     }  # fmt: skip
     return Built(kind, join(*parts), spots)

@@ -30,8 +30,13 @@ def treadmill(rng: np.random.Generator, rail: float | None = None) -> Built:
     for side, s in (("L", 1), ("R", -1)):
         x = s * (half - 0.03)
         parts.append(strut((x, front, deck), (x, front - 0.05, deck + rail + 0.1), 0.06, 0.08, frame))
-        parts.append(tube([(x, front, deck + rail), (x, front + 0.35, deck + rail), (x, front + 0.6, deck + 0.6 * rail)],
-                          0.02, belt))  # fmt: skip
+        parts.append(
+            tube(
+                [(x, front, deck + rail), (x, front + 0.35, deck + rail), (x, front + 0.6, deck + 0.6 * rail)],
+                0.02,
+                belt,
+            )
+        )
         spots["rail" + side] = spot((x, front + 0.25, deck + rail), axis=(0, 1, 0))
     console = box((1.9 * half, 0.06, 0.3), (0, 0, 0.1), frame, 0.02)
     screen = box((1.2 * half, 0.004, 0.18), (0, 0.032, 0.12), surface(rng, "glass", "paint"))

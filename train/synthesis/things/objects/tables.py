@@ -55,8 +55,10 @@ def laptop(rng: np.random.Generator) -> Built:
     w, d, lid = rng.uniform(0.3, 0.4), rng.uniform(0.21, 0.27), surface(rng, "metal", "dark", "metal")
     base = box((w, d, 0.018), (0, -d / 2, 0.009), lid, 0.004)
     keys = box((0.88 * w, 0.45 * d, 0.003), (0, -0.62 * d, 0.019), surface(rng, "dark"))
-    screen = join(box((w, 0.008, d), (0, 0, d / 2), lid),
-                  box((0.93 * w, 0.003, 0.88 * d), (0, 0.005, d / 2), surface(rng, "glass", "paint", "white")))  # fmt: skip
+    screen = join(
+        box((w, 0.008, d), (0, 0, d / 2), lid),
+        box((0.93 * w, 0.003, 0.88 * d), (0, 0.005, d / 2), surface(rng, "glass", "paint", "white")),
+    )
     open_lid = screen.turned(rot(0, rng.uniform(5, 38))).moved((0, -d, 0.02))
     spots = {"keys": spot((0, -0.6 * d, 0.021), size=(w, d)), "edge": spot((0, 0, 0.018))}
     return Built("laptop", join(base, keys, open_lid), spots)
@@ -130,11 +132,11 @@ def treatment_table(rng: np.random.Generator, top: float | None = None) -> Built
 def bed(rng: np.random.Generator, top: float | None = None) -> Built:
     """A bed along y: the head is at +y."""
     top = rng.uniform(0.35, 0.6) if top is None else top
-    long, wide = rng.uniform(1.95, 2.15), rng.uniform(0.85, 1.7)
+    long, wide, back = rng.uniform(1.95, 2.15), rng.uniform(0.85, 1.7), top + rng.uniform(0.2, 0.7)
     frame, sheets = surface(rng, "wood", "metal", "white", "cloth"), surface(rng, "white", "cloth")
     parts = [box((wide, long, 0.18), (0, 0, top - 0.09), sheets, 0.05),
              box((wide + 0.06, long + 0.06, 0.14), (0, 0, top - 0.22), frame, 0.01),
-             box((wide + 0.06, 0.05, rng.uniform(0.5, 0.7) + top), (0, long / 2 + 0.05, (0.4 + top) / 2 + 0.1), frame)]  # fmt: skip
+             box((wide + 0.06, 0.05, back), (0, long / 2 + 0.05, back / 2), frame)]  # fmt: skip
     parts += [box((0.06, 0.06, top - 0.25), (sx * wide * 0.48, sy * long * 0.48, (top - 0.25) / 2), frame)
               for sx in (-1, 1) for sy in (-1, 1)]  # fmt: skip
     for x in (-0.25, 0.25) if wide > 1.2 else (0.0,):

@@ -20,7 +20,7 @@ def standing_hands(f: Figure) -> None:
         names = ("folded", "hips", "pockets", "clasped", "behind", "holding")
         habit(f, names[int(f.rng.integers(len(names)))], "LR" if f.u(0, 1) < 0.5 else "RL")
         return
-    for s, _ in SIDES:
+    for s in "LR":
         (gesture, hang, hang)[int(f.rng.integers(3))](f, s)
 
 
@@ -137,5 +137,3 @@ def driver(body: BodyModel, rng: np.random.Generator) -> Scene:
         else:
             on_thigh(f, s)
     return Scene("car seat", posed(f), (inside.thing(),))
-
-

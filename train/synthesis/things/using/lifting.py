@@ -85,7 +85,10 @@ def bench_presser(body: BodyModel, rng: np.random.Generator) -> Scene:
     things = [sport.barbell(rng).carried(np.eye(3), place)]
     if rng.random() < 0.35:
         seed = int(rng.integers(1 << 31))
-        things = [sport.dumbbell(np.random.default_rng(seed)).carried(np.eye(3), place + [sign * wide, 0, 0]) for _, sign in SIDES]
+        things = [
+            sport.dumbbell(np.random.default_rng(seed)).carried(np.eye(3), place + [sign * wide, 0, 0])
+            for _, sign in SIDES
+        ]
     return Scene("bench press", posed(f), tuple(b.thing() for b in (bench, *things)))
 
 
@@ -107,11 +110,11 @@ def dumbbell_lifter(body: BodyModel, rng: np.random.Generator) -> Scene:
 
 def puller(body: BodyModel, rng: np.random.Generator) -> Scene:
     """Someone who hangs from a bar."""
-    f, wide = Figure(body, rng), 0.0
+    f = Figure(body, rng)
     wide = f.u(0.16, 0.34) * f.k
     f.trunk(rng.normal(0, 4), pitch=f.u(-8, 8), lean=f.u(-6, 8))
     bend = f.u(0, 100)
-    for s, sign in SIDES:
+    for s in "LR":
         f.leg(s, f.u(-5, 12) + 0.6 * max(0.0, bend - 60), bend + f.rng.normal(0, 4), out=f.u(-3, 6), ankle=f.u(0, 40))
     f.move((0, 0, f.u(0.05, 0.5) - float(f.skin()[:, 2].min())))
     shoulders = (f.at("upperarm01.L") + f.at("upperarm01.R")) / 2
@@ -202,5 +205,3 @@ def _upright(up: FloatArray) -> FloatArray:
     """(3, 3) a turn that takes z to `up` (3,)."""
     x = unit(np.cross([0.0, 1, 0], up))
     return np.stack([x, np.cross(up, x), up], -1)
-
-

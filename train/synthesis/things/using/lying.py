@@ -105,11 +105,17 @@ def _places(p: Figure, style: str, near: str, what: int) -> tuple[dict[str, Floa
     if what == 0:  # the leg that is nearer
         knee, ankle = p.at("lowerleg01." + near), p.at("foot." + near)
         hip = p.at("upperleg01." + near)
-        return {"a": above(p, knee + (hip - knee) * p.u(0, 0.3), *leg), "b": _under(p, ankle + (knee - ankle) * p.u(0.05, 0.3))}, "side"
+        return {
+            "a": above(p, knee + (hip - knee) * p.u(0, 0.3), *leg),
+            "b": _under(p, ankle + (knee - ankle) * p.u(0.05, 0.3)),
+        }, "side"
     if what == 1:  # shoulder and arm
         shoulder, wrist, elbow = (p.at(b + near) for b in ("upperarm01.", "wrist.", "lowerarm01."))
         lower = elbow + (wrist - elbow) * p.u(0.1, 0.9)
-        return {"a": above(p, shoulder, "upperarm", "shoulder", "clavicle"), "b": above(p, lower, "lowerarm", "wrist")}, "side"
+        return {
+            "a": above(p, shoulder, "upperarm", "shoulder", "clavicle"),
+            "b": above(p, lower, "lowerarm", "wrist"),
+        }, "side"
     if what == 2:  # back or belly
         high, low = p.at("spine02"), p.at("spine04")
         return {"a": above(p, high, *_TRUNK), "b": above(p, low, *_TRUNK)}, "side"
@@ -190,7 +196,12 @@ def _on_the_edge(p: Figure, t: Figure, couch: Built) -> Scene:
 
         def plant() -> None:
             for s, sign in SIDES:
-                t.foot(s, at * [1, 1, 0] + ahead(t) * 0.2 * t.k + np.array([0, -sign, 0]) * -0.24 * t.k, -90 + 25 * sign, knee_out=25)
+                t.foot(
+                    s,
+                    at * [1, 1, 0] + ahead(t) * 0.2 * t.k + np.array([0, -sign, 0]) * -0.24 * t.k,
+                    -90 + 25 * sign,
+                    knee_out=25,
+                )
 
         settle(t, placed.spots["seat"], plant)
     else:

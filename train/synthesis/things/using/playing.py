@@ -9,7 +9,7 @@ from muybridge.train.synthesis.things.built import Built, surface
 from muybridge.train.synthesis.things.objects import music, seats
 from muybridge.train.synthesis.things.scene import Scene
 from muybridge.train.synthesis.things.shapes import rod
-from muybridge.train.synthesis.things.using.figure import SIGN, Figure, posed
+from muybridge.train.synthesis.things.using.figure import Figure, posed
 from muybridge.train.synthesis.things.using.hands import UP, thigh_top
 from muybridge.train.synthesis.things.using.sitting import Feet, ahead, feet_on_floor, left, on_chair
 from muybridge.train.synthesis.things.using.standing import Stance
@@ -140,8 +140,6 @@ def pianist(body: BodyModel, rng: np.random.Generator) -> Scene:
     keys = made.spots["keys"]
     for s, sign in SIDES:
         place = keys.at + left(f) * (sign * f.u(0.04, 0.3)) + ahead(f) * f.u(-0.04, 0.02)
-        f.hand(s, place + UP * 0.015, back=UP, elbow=(SIGN[s] * 0.7, 0.5, -0.4), grip="relaxed")
+        f.hand(s, place + UP * 0.015, back=UP, elbow=(sign * 0.7, 0.5, -0.4), grip="relaxed")
     f.head(f.u(5, 30) - 0.3 * f.bent, 0, f.rng.normal(0, 12))
     return Scene("piano", posed(f), (made.thing(), *(b.thing() for b in things)))
-
-

@@ -66,6 +66,13 @@ class Stance:
         self.high = float(f.skeleton.rest[0, 2]) * f.u(0.965, 0.99)
         f.root = self.at + [0, 0, self.high] + ahead(f) * 0.03 * f.k
 
+    def step(self, by: float) -> None:
+        """Move the feet and the person forward, metres."""
+        way = ahead(self.f) * by
+        self.feet = {s: (at + way, yaw) for s, (at, yaw) in self.feet.items()}
+        self.at = self.at + way
+        self.f.move(way)
+
     def plant(self, crouch: float = 0.0, balance: bool = True) -> None:
         """Feet on their places, the pelvis lowered by `crouch` metres and so that they reach, the weight over them."""
         f = self.f
@@ -95,7 +102,11 @@ def stand_to(
         stance.plant(crouch)
         if far < 1.0:
             break
-        crouch += 0.12 * f.k
+        # What is high calls for a step, what is low for bent knees.
+        if min(place[2] for place in targets.values()) < 0.45 * f.skeleton.height:
+            crouch += 0.12 * f.k
+        else:
+            stance.step(0.08 * f.k)
     return stance
 
 
@@ -114,7 +125,7 @@ def stride(f: Figure, at: FloatArray, yaw: float, run: bool = False) -> None:
             along, lift, pitch = step * (1 - 2 * q), air, -14 * max(0, 1 - 4 * q) + 40 * max(0, q - 0.65) / 0.35
         else:
             q = (p - stance) / (1 - stance)
-            along, lift = step * (2 * q - 1), (0.09 + 0.25 * run) * np.sin(np.pi * q) * (1.4 - q) + air
+            along, lift = step * (2 * q - 1), (0.09 + 0.13 * run) * np.sin(np.pi * q) * (1.4 - q) + air
             pitch = 45 * (1 - q) * (1 + 0.6 * run) - 12 * q
         place = np.asarray(at, float) + ahead(f) * (along + 0.05 * f.k) + left(f) * sign * 0.06 * f.k + [0, 0, lift]
         if pitch < 0:
