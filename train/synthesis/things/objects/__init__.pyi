@@ -1,21 +1,19 @@
-from . import animals as animals
-from . import cars as cars
-from . import cycles as cycles
-from . import household as household
-from . import mobility as mobility
-from . import music as music
-from . import seats as seats
-from . import sport as sport
-from . import tables as tables
+from .animals import dog as dog
+from .animals import horse as horse
+from .cycles import bicycle as bicycle
+from .cycles import motorbike as motorbike
+from .mobility import walker as walker
+from .mobility import wheelchair as wheelchair
+from .seats import chair as chair
+from .tables import table as table
 
 __all__ = [
-    "animals",
-    "cars",
-    "cycles",
-    "household",
-    "mobility",
-    "music",
-    "seats",
-    "sport",
-    "tables",
+    "bicycle",
+    "chair",
+    "dog",
+    "horse",
+    "motorbike",
+    "table",
+    "walker",
+    "wheelchair",
 ]

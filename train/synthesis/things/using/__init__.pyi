@@ -1,23 +1,7 @@
-from . import figure as figure
-from . import hands as hands
-from . import leaning as leaning
-from . import lifting as lifting
-from . import lying as lying
-from . import moving as moving
-from . import playing as playing
-from . import riding as riding
-from . import sitting as sitting
-from . import standing as standing
+from .figure import Figure as Figure
+from .figure import posed as posed
 
 __all__ = [
-    "figure",
-    "hands",
-    "leaning",
-    "lifting",
-    "lying",
-    "moving",
-    "playing",
-    "riding",
-    "sitting",
-    "standing",
+    "Figure",
+    "posed",
 ]
