@@ -152,7 +152,7 @@ def tube(points: ArrayLike, radius: ArrayLike, surface: Surface, sides: int = 8,
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, surface: Surface, sides: int = 8) -> Mesh:
     """A cylinder from `start` to `end`."""
-    return tube([start, end], radius, surface, sides)
+    return tube(np.stack([np.asarray(start, float), np.asarray(end, float)]), radius, surface, sides)
 
 
 def capsule(start: ArrayLike, end: ArrayLike, radius: ArrayLike, surface: Surface, sides: int = 10) -> Mesh:

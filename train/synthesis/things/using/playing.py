@@ -66,7 +66,8 @@ def _bow(f: Figure, fiddle: Built, level: FloatArray) -> Built:
     grip = strings.at + strings.normal * 0.02 + way * f.u(0.08, 0.5) * f.k
     turned = np.stack([way, np.cross(strings.normal, way), strings.normal], -1)
     f.hand("R", grip, axis=way, elbow=(-0.8, 0.3, -0.3))
-    return music.bow(f.rng).carried(turned, grip)
+    # Where the hand came to: the bow is in it.
+    return music.bow(f.rng).carried(turned, f.grip("R")[1])
 
 
 def violinist(body: BodyModel, rng: np.random.Generator) -> Scene:
@@ -111,16 +112,16 @@ def drummer(body: BodyModel, rng: np.random.Generator) -> Scene:
     f = Figure(body, rng)
     things = _sit_or_stand(f, 0.75)
     top = thigh_top(f) + f.u(0.0, 0.12) if things else f.u(0.5, 0.56) * f.skeleton.height
-    gap = f.ahead(top - 0.15, top + 0.15) + (f.thigh * 0.75 if things else f.u(0.0, 0.1))
+    gap = f.ahead(top - 0.15, top + 0.15) + (f.thigh * 0.5 if things else f.u(0.0, 0.1))
     kit = music.drum(rng, top).placed(f.yaw, (f.root + ahead(f) * gap) * [1, 1, 0])
     heads = [s.at for s in kit.spots.values()]
     sticks = rng.random() < 0.75
     made = [kit, *things]
     for s, sign in SIDES:
-        head = heads[int(rng.integers(len(heads)))]
+        head = min(heads, key=lambda at: float(np.linalg.norm(at - f.at("upperarm01." + s))))
         place = head + UP * (f.u(0.06, 0.4) if sticks else f.u(0.0, 0.2)) + left(f) * sign * f.u(0.02, 0.14)
         if sticks:
-            f.hand(s, place - ahead(f) * 0.28, elbow=(sign * 0.8, 0.4, -0.5), axis=ahead(f) + left(f) * -sign * 0.4)
+            f.hand(s, place - ahead(f) * 0.3, elbow=(sign * 0.8, 0.4, -0.5), axis=ahead(f) + left(f) * -sign * 0.4)
             turned, at = f.grip(s)
             stick = Built("drumstick", rod((0, 0.08, 0), (0, -0.33, 0), 0.008, surface(rng, "wood")), {})
             made.append(stick.carried(turned, at))

@@ -159,7 +159,7 @@ def floor_seat(body: BodyModel, rng: np.random.Generator) -> Scene:
             aside = (-0.08 if style < 1 / 3 else 0.14) * sign * f.k
             at = f.root * [1, 1, 0] + ahead(f) * drawn + left(f) * aside
             if style < 1 / 3:
-                f.foot(s, at + [0, 0, 0.05 * f.k], f.yaw + 40 * sign, 40, knee_out=68, part="heel")
+                f.foot(s, at + [0, 0, 0.02 * f.k], f.yaw + 40 * sign, 30, knee_out=68)
             else:
                 f.foot(s, at, f.yaw + 8 * sign, -60 if style > 2 / 3 else 0, part="heel" if style > 2 / 3 else "ball")
 
