@@ -65,13 +65,16 @@ class RenderSet:
     """Renders of one or more shards.
 
     Attributes:
-        pixels: of each shard (SHARD, 5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow.
+        pixels: of each shard (SHARD, 5 or 6, SIZE, SIZE) uint8: red, green, blue, alpha, shadow and, of scenes, coverage
+            of things.
         landmarks_px: (N, 23, 2).
         visible: (N, 23).
         box_px: (N, 4).
         markers_px: (N, M, 2) virtual markers in the order of `SURFACE`; NaN if the store has no labels of them.
         markers_visible: (N, M); False if the store has no labels of them.
         cut_px: (N, 3) where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
+        others_px: (N, 4, 4) boxes of the other people of a scene, NaN where there are fewer.
+        others_visible: (N, 4) visible share of each of them.
     """
 
     pixels: list[ByteArray]
@@ -81,6 +84,8 @@ class RenderSet:
     markers_px: Float32Array = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
     markers_visible: BoolArray = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
     cut_px: Float32Array = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
+    others_px: Float32Array = field(default_factory=lambda: np.zeros((0, 4, 4), "f4"))  # (N, 4, 4)
+    others_visible: Float32Array = field(default_factory=lambda: np.zeros((0, 4), "f4"))  # (N, 4)
 
     def __post_init__(self) -> None:
         if len(self.cut_px) != len(self):
@@ -88,6 +93,10 @@ class RenderSet:
         if len(self.markers_px) != len(self):
             object.__setattr__(self, "markers_px", np.full((len(self), len(SURFACE), 2), np.nan, np.float32))
             object.__setattr__(self, "markers_visible", np.zeros((len(self), len(SURFACE)), bool))
+
+        if len(self.others_px) != len(self):
+            object.__setattr__(self, "others_px", np.full((len(self), 4, 4), np.nan, np.float32))
+            object.__setattr__(self, "others_visible", np.zeros((len(self), 4), np.float32))
 
     def __len__(self) -> int:
         return len(self.landmarks_px)
@@ -103,8 +112,9 @@ class RenderSet:
         return np.flatnonzero(np.isfinite(self.cut_px[:, 0]))
 
     def pixels_of(self, index: int) -> ByteArray:
-        """(5, SIZE, SIZE) of one render."""
-        return np.asarray(self.pixels[index // SHARD][index % SHARD])
+        """(6, SIZE, SIZE) of one render."""
+        planes = np.asarray(self.pixels[index // SHARD][index % SHARD])
+        return planes if len(planes) == 6 else np.concatenate([planes, np.zeros_like(planes[:1])])
 
 
 def render_shard(body: BodyModel, renderer: Renderer, close_ups: bool, views_each: int = 2) -> list[Render]:
@@ -220,6 +230,8 @@ def _load_shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
         with np.load(path) as file:
             labels = {key: file[key] for key in ("landmarks_px", "visible", "box_px")}
             cuts = file["cut_px"] if "cut_px" in file else np.full((SHARD, 3), np.nan, np.float32)
+            others = file["others_px"] if "others_px" in file else np.full((SHARD, 4, 4), np.nan, np.float32)
+            shares = file["others_visible"] if "others_visible" in file else np.zeros((SHARD, 4), np.float32)
         markers, visible = _load_markers(path)
         pixels = np.load(path.with_suffix(".npy"), mmap_mode="r")
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
@@ -227,7 +239,8 @@ def _load_shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
             f"{path}: a damaged shard, or one without the pixels beside it ({error}); remove it and its .npy, and "
             "`muybridge synth` makes it again"
         ) from error
-    return pixels, labels | {"markers_px": markers, "markers_visible": visible, "cut_px": cuts}
+    scene = {"others_px": others, "others_visible": shares}
+    return pixels, labels | {"markers_px": markers, "markers_visible": visible, "cut_px": cuts} | scene
 
 
 def _load_markers(path: pathlib.Path) -> tuple[Float32Array, BoolArray]:
