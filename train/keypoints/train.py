@@ -31,7 +31,8 @@ from muybridge.train.engine.compile import compile_for_training
 from muybridge.train.engine.gradient_worker import GradientWorker, is_worthwhile
 from muybridge.train.engine.precision import autocast
 from muybridge.train.images import dataset
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.compositor import Batch, Compositor
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.data_echoing import Echo
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
 from muybridge.train.keypoints.export import load_keypoint_checkpoint

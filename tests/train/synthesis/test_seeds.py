@@ -11,7 +11,8 @@ pytest.importorskip("moderngl")
 
 from muybridge.geometry.landmarks.marker_sets import SURFACE  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.images.compositor import AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.images.compositor import Compositor  # noqa: E402
+from muybridge.train.images.options import AugmentOptions  # noqa: E402
 from muybridge.train.images.scenes import SceneCompositor  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import KINDS, Outfit, sample_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering.store import RenderSet  # noqa: E402

@@ -65,8 +65,8 @@ class RenderSet:
     """Renders of one or more shards.
 
     Attributes:
-        pixels: of each shard (SHARD, 5 or 6, SIZE, SIZE) uint8: red, green, blue, alpha, shadow and, of scenes, coverage
-            of things.
+        pixels: of each shard (SHARD, 5 or 6, SIZE, SIZE) uint8: red, green, blue, alpha, shadow and, of scenes, the
+            coverage of things.
         landmarks_px: (N, 23, 2).
         visible: (N, 23).
         box_px: (N, 4).
