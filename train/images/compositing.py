@@ -27,12 +27,11 @@ class BaseCompositor:
         self.rng = np.random.default_rng(seed)
         self.faults = CameraFaults(self.rng)
         self.is_scene = scenes_among(renders)
-        is_person = people_among(renders)
         # Renders with a subject; of one whole person; of scenes with a subject; and of things alone.
-        self.people = np.flatnonzero(is_person)
-        self.whole = np.intersect1d(renders.whole, np.flatnonzero(is_person & ~self.is_scene))
-        self.scenes = np.flatnonzero(self.is_scene & is_person)
-        self.things = np.flatnonzero(~is_person)
+        self.things = renders.unattended
+        self.people = np.setdiff1d(np.arange(len(renders)), self.things)
+        self.scenes = np.intersect1d(self.people, np.flatnonzero(self.is_scene))
+        self.whole = np.setdiff1d(renders.whole, self.scenes)
 
     def _corner(self, window: int) -> tuple[int, int]:
         """Random corner (x, y) of a square window of a background."""
@@ -47,14 +46,8 @@ class BaseCompositor:
 
 
 def scenes_among(renders: RenderSet) -> BoolArray:
-    """(N,) which renders are of scenes: their shards have the coverage of things."""
-    counts = np.array([len(shard) for shard in renders.pixels], int)
-    return np.repeat(np.array([shard.shape[1] > 5 for shard in renders.pixels], bool), counts)
-
-
-def people_among(renders: RenderSet) -> BoolArray:
-    """(N,) which renders have a subject; the others are of things alone."""
-    return np.asarray(np.isfinite(renders.box_px).all(1))
+    """(N,) which renders show several people, or things."""
+    return np.asarray(~np.isin(renders.kind, ("", "alone")))
 
 
 def touched_sides(planes: ByteArray) -> BoolArray:
