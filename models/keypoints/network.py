@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
+from muybridge.models.keypoints.attention import AttentionBlock
 from muybridge.models.keypoints.batch_norm import BatchNorm
 
 CHANNELS = 4  # RGB and the difference to the background model
@@ -149,6 +150,7 @@ class KeypointNet(nn.Module):
         depths: residual blocks on the way down at each of these.
         hidden: channels within the residual blocks at each of these, on the way down and up; as many as outside by
             default.
+        attention: blocks of self-attention at 1/32.
     """
 
     def __init__(
@@ -157,15 +159,19 @@ class KeypointNet(nn.Module):
         widths: tuple[int, int, int, int] = (32, 64, 128, 160),
         depths: tuple[int, int, int, int] = (0, 2, 2, 2),
         hidden: tuple[int, int, int, int] | None = None,
+        attention: int = 0,
     ) -> None:
         super().__init__()
         hidden = hidden or widths
-        self.config: dict[str, Any] = {"landmarks": landmarks, "widths": widths, "depths": depths, "hidden": hidden}
+        self.config: dict[str, Any] = {
+            "landmarks": landmarks, "widths": widths, "depths": depths, "hidden": hidden, "attention": attention,
+        }  # fmt: skip
         self.stem = nn.Sequential(ConvUnit(CHANNELS, widths[0] // 2, 2), ConvUnit(widths[0] // 2, widths[0], 2))
         self.levels = nn.ModuleList()
         for i, (width, depth) in enumerate(zip(widths, depths, strict=True)):
             down = [ConvUnit(widths[i - 1], width, 2)] if i else []
             self.levels.append(nn.Sequential(*down, *(Block(width, hidden[i]) for _ in range(depth))))
+        self.attention = nn.Sequential(*(AttentionBlock(widths[3]) for _ in range(attention)))
         self.laterals = nn.ModuleList(Lateral(widths[i + 1], widths[i], hidden[i]) for i in (2, 1, 0))
         self.head = Head(landmarks, widths[:3], min(landmarks, BODY))
         self.visibility = nn.Linear(widths[3], landmarks)
@@ -187,11 +193,25 @@ class KeypointNet(nn.Module):
         for level in self.levels:
             x = level(x)
             features.append(x)
+        x = self.attention(x)
         whole, merged = x.mean((2, 3)), []
         for lateral, fine in zip(self.laterals, features[-2::-1], strict=True):
             x = lateral(x, fine)
             merged.append(x)
         return merged, whole
+
+
+def with_attention(net: KeypointNet, blocks: int) -> KeypointNet:
+    """A copy of a network with this many blocks of self-attention; new ones change nothing until they are trained.
+
+    Raises:
+        ValueError: it has more blocks than that.
+    """
+    if net.config["attention"] > blocks:
+        raise ValueError(f"the network has {net.config['attention']} blocks of attention already, not {blocks}")
+    larger = KeypointNet(**net.config | {"attention": blocks}).train(net.training)
+    larger.load_state_dict(net.state_dict(), strict=False)
+    return larger
 
 
 class SeparateHeads(nn.Module):

@@ -145,14 +145,17 @@ def measure_normalisation(net: nn.Module, images: Sequence[Tensor]) -> None:
 
 
 def _design(weights: dict[str, Tensor]) -> dict[str, Any]:
-    """Depths and numbers of channels of a network with these weights, as `KeypointNet` takes them."""
+    """Depths, numbers of channels and blocks of attention of a network with these weights, for `KeypointNet`."""
     levels = range(4)
     blocks = [[n for n in weights if n.startswith(f"levels.{i}.") and n.endswith("first.0.weight")] for i in levels]
     widths = [len(weights["stem.1.0.weight"]), *(len(weights[f"levels.{i}.0.0.weight"]) for i in levels[1:])]
     # The finest level may have no blocks on the way down; the coarsest has none on the way up.
     hidden = [len(weights[f"laterals.{2 - i}.block.first.0.weight"]) for i in levels[:3]]
     hidden.append(len(weights[blocks[3][0]]) if blocks[3] else widths[3])
-    return {"widths": tuple(widths), "depths": tuple(map(len, blocks)), "hidden": tuple(hidden)}
+    attention = sum(name.startswith("attention.") and name.endswith(".out.weight") for name in weights)
+    return {
+        "widths": tuple(widths), "depths": tuple(map(len, blocks)), "hidden": tuple(hidden), "attention": attention,
+    }  # fmt: skip
 
 
 def _fold_input_normalisation(weights: dict[str, Tensor], divides: bool) -> None:

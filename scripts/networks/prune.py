@@ -50,7 +50,7 @@ def prune(net: KeypointNet, depths: Sequence[int], hidden: Sequence[int], images
     for i, part in (*enumerate(out.levels), *zip((2, 1, 0), out.laterals, strict=True)):
         for block in [module for module in part.modules() if isinstance(module, Block)]:
             _prune_block(block, hidden[i], out, images)
-    like = KeypointNet(have["landmarks"], have["widths"], tuple(depths), tuple(hidden))  # type: ignore[arg-type]
+    like = KeypointNet(**have | {"depths": tuple(depths), "hidden": tuple(hidden)})
     like.load_state_dict(out.state_dict())
     return like.eval()
 

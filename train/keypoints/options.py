@@ -14,6 +14,7 @@ class KeypointTraining(ImageTraining):
     Attributes:
         size: side of the crops in pixels, a multiple of 32.
         model: fp32 muybridge network to start from, such as a shipped one, if `out` has no run yet.
+        attention: blocks of self-attention of the network; added to the one to start from if it has fewer.
         smaller: share of batches whose crops are smaller than `size`, like those of the first pass over a video and of
             partly visible people. A network trained at one size for long fails at others.
         hard: share of the crops drawn in proportion to the network's previous loss on their people.
@@ -26,6 +27,7 @@ class KeypointTraining(ImageTraining):
 
     size: int = 128
     model: pathlib.Path | None = None
+    attention: int = 0
     smaller: float = 0.35
     hard: float = 0.0
     hidden: float = 0.5
@@ -36,6 +38,8 @@ class KeypointTraining(ImageTraining):
         super().__post_init__()
         if self.size % 32 or self.size < 64:
             raise SessionError(f"--size {self.size}: must be a multiple of 32, at least 64")
+        if self.attention < 0:
+            raise SessionError(f"--attention {self.attention}: must be 0 blocks or more")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import decode_heatmaps
 from muybridge.models.keypoints.metadata import crop_side
-from muybridge.models.keypoints.network import STRIDE, KeypointNet
+from muybridge.models.keypoints.network import STRIDE, KeypointNet, with_attention
 from muybridge.models.keypoints.test_time import FIRST_PASS, LEAST, Maps, at_side
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx, measure_normalisation
 from muybridge.models.uncertainty import SpreadCalibration
@@ -210,14 +210,14 @@ def _start_network(options: KeypointTraining) -> KeypointNet | None:
         if "landmarks" not in config:
             raise ModelError(f"{options.out}: it has a run of another network; name another folder with --out")
         return KeypointNet(**config)
-    return None if options.model is None else _network_from_file(options.model)
+    return None if options.model is None else _network_from_file(options.model, options.attention)
 
 
-def _network_from_file(model: pathlib.Path) -> KeypointNet:
+def _network_from_file(model: pathlib.Path, attention: int) -> KeypointNet:
     net = keypoint_net_from_onnx(model)
     if net.visibility.out_features != len(BODY23) + len(SURFACE):
         raise ModelError(f"{model}: training needs a network that detects virtual markers too")
-    return net
+    return with_attention(net, max(attention, net.config["attention"]))
 
 
 def _second_process(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
@@ -255,7 +255,7 @@ def train(options: KeypointTraining) -> pathlib.Path:
     start = _start_network(options)  # before anything that takes minutes
     with dataset.training_data(options) as pool:
         validation = held_out_batches(options.renders, pool, options.size)
-        net = start or KeypointNet(len(BODY23) + len(SURFACE))
+        net = start or KeypointNet(len(BODY23) + len(SURFACE), attention=options.attention)
         if model is not None:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
         history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
