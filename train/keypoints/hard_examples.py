@@ -83,4 +83,4 @@ def mix_scenes(probability: FloatArray, people: IndexArray, scenes: IndexArray, 
     shares = (1 - share, share) if len(alone) and len(scenes) else (1.0, 1.0)
     for part, total in zip((alone, scenes), shares, strict=True):
         mixed[part] = total * probability[part] / max(probability[part].sum(), 1e-12)
-    return mixed / mixed.sum()
+    return np.asarray(mixed / mixed.sum())
