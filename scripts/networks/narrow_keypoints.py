@@ -23,7 +23,8 @@ from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
 from muybridge.train.keypoints.train import evaluate
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 from scripts.networks.prune import prune
 
 SEED = 30_000

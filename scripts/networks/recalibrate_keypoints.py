@@ -41,7 +41,8 @@ from muybridge.train.keypoints.variance_calibration import (
     fit_ratio,
     read_held_out,
 )
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 # Seed of the crops and their backgrounds, different from any training's and evaluation's.
 SEED = 20_000

@@ -11,7 +11,8 @@ from muybridge.files import replacing
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import Batch, Compositor
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 LEFT, RIGHT, MIDDLE = (240, 200, 60), (60, 140, 250), (220, 220, 220)  # BGR: the person's left is blue
 

@@ -150,18 +150,20 @@ def frame_people(
         the boxes; NaN where there is none.
     """
     boxes, borders = box_px.copy(), np.full((len(box_px), 4), np.nan, np.float32)
-    chosen = np.flatnonzero((rng.random(len(boxes)) < share) & able) if share else []
-    for i in chosen:
+    if not share:
+        return boxes, borders
+    for i in np.flatnonzero((rng.random(len(boxes)) < share) & able):
         size = np.tile(boxes[i, 2:] - boxes[i, :2], 2)
         cut = _MOST_CUT * rng.beta(1.0, 1.4, 4)
         cut = np.where(rng.random(4) < _UNCUT, -rng.uniform(0, 0.12, 4) * size.max() / np.maximum(size, 1e-3), cut)
         count = 1 + int(rng.choice(4, p=_BORDERS))
         sides = rng.choice(4, count, replace=False, p=_BORDER_SHARES)
         borders[i, sides] = (box_px[i] + np.array([1, 1, -1, -1]) * cut * size)[sides]
-        for low, high in (0, 2), (1, 3):  # hardly any picture is narrower than half of its height
-            lack = rng.uniform(0.45, 0.8) * size.max() - (borders[i, high] - borders[i, low])
+        for axis in (0, 1):  # hardly any picture is narrower than half of its height
+            lack = rng.uniform(0.45, 0.8) * size.max() - (borders[i, axis + 2] - borders[i, axis])
             if lack > 0:
-                borders[i, low], borders[i, high] = borders[i, low] - lack / 2, borders[i, high] + lack / 2
+                borders[i, axis] -= lack / 2
+                borders[i, axis + 2] += lack / 2
         if rng.random() >= _COMPLETED:
             low, high = np.fmax(boxes[i, :2], borders[i, :2]), np.fmin(boxes[i, 2:], borders[i, 2:])
             boxes[i] = np.concatenate([low, high])

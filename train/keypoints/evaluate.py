@@ -20,7 +20,8 @@ from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
 from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.options import Evaluation
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 MIRROR = np.array(BODY23.mirror)
 # All landmarks but nose, eyes and ears.
