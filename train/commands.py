@@ -24,8 +24,8 @@ _Network = Annotated[
 # What `--help` shows; `--help-all` shows every option.
 COMMON_OPTIONS = {
     "train": (
-        "renders", "shards", "out", "minutes", "steps", "batch", "rate", "model", "footage", "clips", "markerset",
-        "workers", "seed",
+        "renders", "scene_renders", "scenes", "shards", "out", "minutes", "images", "steps", "batch", "rate", "model",
+        "footage", "clips", "markerset", "workers", "seed",
     )
 }  # fmt: skip
 
