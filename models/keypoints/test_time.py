@@ -1,7 +1,7 @@
-"""Test-time augmentation of crops: mirrored, smaller, rotated by quarter turns, and tilted.
+"""Test-time augmentation of crops: mirrored, smaller, rotated by quarter turns, tilted, and in a tighter box.
 
 The network is best on whole, upright people. Smaller crops help with partly visible people, quarter turns with people
-who lie or stand on their hands, and tilted crops reduce the uncertainty that remains.
+who lie or stand on their hands; tilted crops and tighter boxes reduce the uncertainty that remains.
 """
 
 from collections.abc import Callable

@@ -187,3 +187,21 @@ def test_maps_of_a_tighter_box_come_back_to_their_place() -> None:
         there = middle + (np.array([150, 90]) - middle) / turning._TIGHTER
         np.testing.assert_allclose([(maps[0, 0] * axis).sum() / maps[0, 0].sum() for axis in (x, y)], there, atol=0.05)
         np.testing.assert_allclose(turning._shrink_maps_back(maps)[0, 0], blob, atol=2)
+
+
+def test_hidden_landmarks_have_a_large_variance_and_only_unknown_ones_are_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Maps with a share of 0.03, 0.07 and 0.15 of the probability at one place."""
+    network = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False, turn=False))
+    cells = network.crop_size // network.card.stride
+    maps = np.zeros((1, 23, cells, cells), np.float32)
+    for landmark, share in enumerate((0.03, 0.07, 0.15)):
+        maps[0, landmark, 30, 20] = np.log(share * cells**2 / (1 - share))
+    maps[0, 3:, 30, 20] = 20
+    monkeypatch.setattr(KeypointNetwork, "__call__", lambda *_: [maps, np.zeros((1, 23), np.float32)])
+    found = network.locate(np.zeros((1, network.crop_size, network.crop_size, 3), np.uint8)).found
+    assert np.isfinite(found.points_crop_px[0, :, 0]).tolist() == [False, True, True] + [True] * 20
+    assert found.score[0, 0] == 0 and np.isnan(found.variance_crop_px2[0, 0])
+    hidden, _, sure = np.sqrt(found.variance_crop_px2[0, 1:4])
+    assert hidden > network.crop_size / 8 and sure < 4
