@@ -1,0 +1,199 @@
+"""Posing people for a scene: where they stand, what their hands hold, and how near they come to one another.
+
+Someone at heading 0 faces -y, as in `train.synthesis.motions`. Metres and degrees.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.motions.rig import SIDES, SkinnedBody, forward, log, rot, skin
+from muybridge.train.synthesis.motions.script import Script
+from muybridge.train.synthesis.motions.solve import Solver
+from muybridge.train.synthesis.things.scene import Posed
+
+SOFT = 0.02  # metres that bodies in contact may overlap: flesh and cloth give
+PALM = 0.035  # metres from the skin that a hand touches to the wrist of the hand
+_REACHING = ("upperarm02", "lowerarm", "wrist", "finger", "metacarpal")  # left out where bodies are kept apart
+_FAR = 0.2  # metres between points of two bodies that say nothing about overlap
+_STEP = 0.03  # metres
+
+
+class Member:
+    """A person of a scene while being posed.
+
+    Args:
+        body: the body model.
+        rng: source of random numbers.
+        age: range of anny's age, 0 newborn to 1 old; by default as `BodyModel.sample_phenotypes` draws.
+
+    Attributes:
+        script: the pose, one frame; see `motions.script.Script`.
+        k: height relative to 1.7 m.
+    """
+
+    def __init__(self, body: BodyModel, rng: np.random.Generator, age: tuple[float, float] | None = None) -> None:
+        self.body, self.rng = body, rng
+        self.phenotypes = body.sample_phenotypes(1)[0]
+        if age is not None:
+            self.phenotypes[list(body.model.phenotype_labels).index("age")] = rng.uniform(*age)
+        self.skeleton = body.skeleton(self.phenotypes)
+        self.solver = Solver(self.skeleton)
+        self.k = self.skeleton.height / 1.7
+        self.script = Script(np.zeros(1))
+        self._shift = np.zeros((1, 3))
+        self._hands = {s: body.poses.sample(1).rotvec[0] for s, _ in SIDES}
+        trunk = [not b.startswith(_REACHING) for b in self.skeleton.bones]
+        self._kept_apart: BoolArray = np.array(trunk)[self.skeleton.strongest]
+        self._normals = _normals(self.skeleton)
+
+    def set(self, **channels: float) -> "Member":
+        """Set channels of the script; a name of a limb's channel without L or R sets both."""
+        for name, value in channels.items():
+            for full in (name,) if name in self.script.channels else (name + "L", name + "R"):
+                self.script[full] = value
+        return self
+
+    def vary(self, size: float = 1.0) -> "Member":
+        """Small random changes of what nobody controls."""
+        for name, sd in (("lean", 4), ("lateral", 4), ("twist", 5), ("nod", 10), ("tilt", 8), ("look", 18)):
+            self.script[name] = self.script[name] + self.rng.normal(0, sd) * size
+        for s, _ in SIDES:
+            for name, sd in (("flex", 8), ("out", 7), ("elbow", 14), ("armtwist", 14), ("pro", 20), ("wrist", 15)):
+                self.script[name + s] = self.script[name + s] + self.rng.normal(0, sd) * size
+        return self
+
+    def stand(self, x: float, y: float, heading: float, width: float = 1.0, split: float = 0.0) -> "Member":
+        """Feet on the floor below (x, y), `split` metres apart fore and aft, the left one in front if positive."""
+        self.set(x=x, y=y, yaw=heading, balance=1.0)
+        turn = rot(2, heading)
+        for s, sign in SIDES:
+            ball = self.solver.ball_at_rest(s) * [width * self.rng.uniform(0.85, 1.2), 1, 0]
+            ball[1] -= 0.5 * sign * split
+            bx, by, _ = turn @ ball + [x, y, 0]
+            yaw = heading + sign * self.rng.uniform(0, 14)
+            self.set(**{"bx" + s: float(bx), "by" + s: float(by), "byaw" + s: yaw})
+        return self
+
+    def settle(self, exact: bool = False) -> "Member":
+        """Find where the pose puts the body: balanced, out of the floor. `exact`: what lies on the floor does."""
+        if exact:
+            self.local, self.root = self.solver.solve(self.script)
+        else:
+            self._shift = np.zeros((1, 3))
+            for _ in range(3):
+                self.local, self.root = self.solver.pose(self.script, self._shift)
+                rotations, at = forward(self.skeleton, self.local, self.root)
+                self._shift = self._shift + self.solver._corrections(self.script, self.local, self.root, at)
+            self.local, self.root = self.solver.pose(self.script, self._shift)
+        self._place()
+        return self
+
+    def _place(self) -> None:
+        self._rotations, self._origins = forward(self.skeleton, self.local, self.root)
+        self.skin = skin(self.skeleton, self._rotations, self._origins)[0]
+
+    def move(self, by: FloatArray) -> None:
+        """Move the settled person by (3,), with what is planned for the feet."""
+        for axis, name in enumerate("xyz"):
+            for s, _ in SIDES:
+                self.script["b" + name + s] = self.script["b" + name + s] + by[axis]
+                self.script["h" + name + s] = self.script["h" + name + s] + by[axis]
+        self.script["x"], self.script["y"] = self.script["x"] + by[0], self.script["y"] + by[1]
+        self._shift = self._shift + [0, 0, by[2]]
+        self.root = self.root + by
+        self._origins, self.skin = self._origins + by, self.skin + by
+
+    def at(self, bone: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
+        """(3,) world: the point that at rest is `offset` from the origin of `bone`, for a person of 1.7 m."""
+        i = self.skeleton.index(bone)
+        return np.asarray(self._origins[0, i] + self._rotations[0, i] @ (np.array(offset) * self.k))
+
+    def spot(self, bone: str, toward: Sequence[float], out: float = PALM) -> FloatArray:
+        """(3,) world: `out` metres over the skin where a ray from the origin of `bone` in the direction `toward` (axes
+        of the body at rest) leaves the body."""
+        i = self.skeleton.index(bone)
+        way = np.array(toward) / np.linalg.norm(toward)
+        offset = self.skeleton.surface - self.skeleton.rest[i]
+        along = offset @ way
+        aside = np.linalg.norm(offset - along[:, None] * way, axis=1)
+        chosen = int((along - 2.5 * aside - 9.0 * (along > 0.26 * self.k)).argmax())
+        turn = self._rotations[0, self.skeleton.strongest[chosen]]
+        return np.asarray(self.skin[chosen] + turn @ way * out)
+
+    def reach(self, side: str, place: FloatArray) -> None:
+        """Bring the wrist of a settled person to `place` (3,) world; the elbow points where the script's angles put
+        it."""
+        self.set(**{"hand" + side: 1.0} | {f"h{a}{side}": float(v) for a, v in zip("xyz", place, strict=True)})
+        self.local, self.root = self.solver.pose(self.script, self._shift)
+        self._place()
+
+    def overlap(self, other: "Member") -> float:
+        """The deepest that the skin of this or the other person lies in the other, without reaching arms, metres;
+        negative where they are apart."""
+        return max(_depth(self, other), _depth(other, self))
+
+    def outward(self) -> FloatArray:
+        """(P, 3) normals of the skin."""
+        return np.asarray((self._rotations[0, self.skeleton.strongest] @ self._normals[..., None])[..., 0])
+
+    def posed(self) -> Posed:
+        """The person as the scene needs it, with hands of the static sampler."""
+        rotvec = log(self.local)[0]
+        for s, _ in SIDES:
+            for i, bone in enumerate(self.skeleton.bones):
+                if bone.startswith("finger") and bone.endswith("." + s):
+                    rotvec[i] = self._hands[s][i]
+        vertices, landmarks, _, joints = self.body.forward(rotvec[None], self.phenotypes[None])
+        shift = (self.root[0] - joints[0, 0]).astype(np.float32)
+        gender = float(self.phenotypes[list(self.body.model.phenotype_labels).index("gender")])
+        return Posed(vertices[0] + shift, landmarks[0] + shift, gender)
+
+
+def _normals(skeleton: SkinnedBody, neighbours: int = 8) -> FloatArray:
+    """(P, 3) outward normals of the skin's points at rest, from their neighbours."""
+    points = skeleton.surface
+    _, near = cKDTree(points).query(points, neighbours)
+    spread = points[near] - points[near].mean(1, keepdims=True)
+    normals = np.linalg.svd(spread, full_matrices=False)[2][:, 2]
+    inside = skeleton.rest[skeleton.strongest]
+    child = np.full(len(skeleton.bones), -1)
+    for i, parent in enumerate(skeleton.parents):
+        if parent >= 0 and child[parent] < 0:
+            child[parent] = i
+    end = skeleton.rest[np.where(child < 0, np.arange(len(child)), child)][skeleton.strongest]
+    axis = end - inside
+    share = np.clip(((points - inside) * axis).sum(1) / ((axis**2).sum(1) + 1e-9), 0, 1)
+    away = points - inside - share[:, None] * axis
+    return np.asarray(normals * np.where((normals * away).sum(1) < 0, -1, 1)[:, None])
+
+
+def _depth(a: Member, b: Member) -> float:
+    """The deepest that the skin of `a` lies in `b`, without arms."""
+    points = a.skin[a._kept_apart]
+    kept = b._kept_apart
+    distance, nearest = cKDTree(b.skin[kept]).query(points, distance_upper_bound=_FAR)
+    near = np.isfinite(distance)
+    if not near.any():
+        return -_FAR
+    to = points[near] - b.skin[kept][nearest[near]]
+    return float(-(to * b.outward()[kept][nearest[near]]).sum(1).min())
+
+
+def bring_together(
+    mover: Member, others: Sequence[Member], way: Sequence[float], start: float, least: float = 0.0, soft: float = SOFT
+) -> None:
+    """Move a settled person `start` metres along `way` (3,) and back until touching one of `others`, or until `least`
+    metres remain."""
+    step = np.array(way, float) / np.linalg.norm(way)
+    mover.move(step * start)
+    left = start
+    while left > least:
+        mover.move(-step * _STEP)
+        left -= _STEP
+        if max(mover.overlap(o) for o in others) > soft:
+            mover.move(step * _STEP)
+            return
