@@ -17,8 +17,9 @@ class Synthesis:
         seed: random seed; shard k depends only on the seed and k.
         kinds: kinds of generated motion (stand, walk, sit, ...) to restrict new shards to. Default: all kinds, plus
             static poses, whose range is wider than that of motion.
-        scenes: render scenes instead, of these kinds: `all`, `things` (people who use things, and things alone),
-            `together` (people in contact), or the names of kinds. An unknown name lists them.
+        scenes: render scenes instead, of these kinds: `all`, `using` (people who use things), `together` (people in
+            contact), `alone` (people alone, from unusual places), `things` (things without people), or the names of
+            kinds. An unknown name lists them.
         close_ups: make new shards of parts of people seen from near, as cameras on a desk see them.
         processes: rendering processes, 0.9 GB each. Default: one per processor, within half of the memory.
         sheet: also composite a contact sheet of training images, `sheet.png`, into the folder.

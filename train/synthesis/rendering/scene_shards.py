@@ -14,6 +14,7 @@ from muybridge.train.synthesis.rendering.scene_renderer import SceneRender, Scen
 from muybridge.train.synthesis.rendering.view import View
 from muybridge.train.synthesis.things.scene import Posed, Scene
 from muybridge.train.synthesis.things.together import TOGETHER
+from muybridge.train.synthesis.things.uses import USES, scene_of_things
 
 Maker = Callable[[BodyModel, np.random.Generator], Scene]
 
@@ -34,10 +35,17 @@ def _alone(body: BodyModel, rng: np.random.Generator) -> Scene:
     return Scene("alone", (Posed(batch.vertices[0], batch.landmarks[0], float(batch.gender[0])),))
 
 
+def _things(body: BodyModel, rng: np.random.Generator) -> Scene:
+    """Things without anybody, which a detector has to leave alone."""
+    return scene_of_things(rng)
+
+
 # Groups of kinds of scene with their shares in a store that has all of them.
 GROUPS: dict[str, tuple[float, dict[str, Maker]]] = {
-    "together": (0.45, dict(TOGETHER)),
-    "alone": (0.15, {"alone": _alone}),
+    "using": (0.45, dict(USES)),
+    "together": (0.35, dict(TOGETHER)),
+    "alone": (0.12, {"alone": _alone}),
+    "things": (0.08, {"things": _things}),
 }
 
 
