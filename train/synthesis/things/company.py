@@ -3,7 +3,7 @@
 Someone at heading 0 faces -y, as in `train.synthesis.motions`. Metres and degrees.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,11 +13,13 @@ from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.rig import SIDES, SkinnedBody, forward, log, rot, skin
 from muybridge.train.synthesis.motions.script import Script
 from muybridge.train.synthesis.motions.solve import Solver
+from muybridge.train.synthesis.motions.stage import Stage
 from muybridge.train.synthesis.things.scene import Posed
 
 SOFT = 0.02  # metres that bodies in contact may overlap: flesh and cloth give
 PALM = 0.035  # metres from the skin that a hand touches to the wrist of the hand
 _REACHING = ("upperarm02", "lowerarm", "wrist", "finger", "metacarpal")  # left out where bodies are kept apart
+_ARM = ("clavicle", "shoulder01", "upperarm", "lowerarm", "wrist")
 _FAR = 0.2  # metres between points of two bodies that say nothing about overlap
 _STEP = 0.03  # metres
 
@@ -66,6 +68,38 @@ class Member:
                 self.script[name + s] = self.script[name + s] + self.rng.normal(0, sd) * size
         return self
 
+    def play(self, motion: Callable[[Stage], None], calm: float = 0.3) -> "Member":
+        """Take the pose of a generator of motion (`motions.floor` and others) at a random time, at the origin."""
+        stage = Stage(self.solver, self.script.time, self.rng, calm)
+        motion(stage)
+        self.script = stage.s
+        return self
+
+    def sit(self, x: float, y: float, heading: float, seat: float) -> "Member":
+        """On a seat of that height at (x, y), feet on the floor in front of it."""
+        leg, turn = self.skeleton.leg, rot(2, heading)
+        self.set(x=x, y=y, yaw=heading, height=(seat + 0.10 * self.k) / float(self.skeleton.rest[0, 2]))
+        self.set(pitch=self.rng.uniform(-14, 6), lean=self.rng.uniform(-4, 28))
+        for s, sign in SIDES:
+            foot = [sign * self.rng.uniform(0.06, 0.2), -self.rng.uniform(0.5, 0.72) * leg, 0.0]
+            bx, by, _ = turn @ foot + [x, y, 0]
+            yaw = heading + sign * self.rng.uniform(0, 15)
+            self.set(**{"bx" + s: float(bx), "by" + s: float(by), "byaw" + s: yaw})
+        return self
+
+    def carried(self, x: float, y: float, z: float, heading: float) -> "Member":
+        """Off the floor: the root at (x, y, z), legs by their angles."""
+        return self.set(
+            x=x, y=y, yaw=heading, height=z / float(self.skeleton.rest[0, 2]), plant=0.0, contact=0.0, balance=0.0
+        )
+
+    def lift(self) -> "Member":
+        """Settle where the script puts the body, whatever is below."""
+        self._shift = np.zeros((1, 3))
+        self.local, self.root = self.solver.pose(self.script, self._shift)
+        self._place()
+        return self
+
     def stand(self, x: float, y: float, heading: float, width: float = 1.0, split: float = 0.0) -> "Member":
         """Feet on the floor below (x, y), `split` metres apart fore and aft, the left one in front if positive."""
         self.set(x=x, y=y, yaw=heading, balance=1.0)
@@ -82,6 +116,8 @@ class Member:
         """Find where the pose puts the body: balanced, out of the floor. `exact`: what lies on the floor does."""
         if exact:
             self.local, self.root = self.solver.solve(self.script)
+            height = self.script["height"][0] * self.skeleton.rest[0, 2]
+            self._shift = self.root - [self.script["x"][0], self.script["y"][0], height]
         else:
             self._shift = np.zeros((1, 3))
             for _ in range(3):
@@ -124,12 +160,16 @@ class Member:
         turn = self._rotations[0, self.skeleton.strongest[chosen]]
         return np.asarray(self.skin[chosen] + turn @ way * out)
 
-    def reach(self, side: str, place: FloatArray) -> None:
-        """Bring the wrist of a settled person to `place` (3,) world; the elbow points where the script's angles put
-        it."""
-        self.set(**{"hand" + side: 1.0} | {f"h{a}{side}": float(v) for a, v in zip("xyz", place, strict=True)})
-        self.local, self.root = self.solver.pose(self.script, self._shift)
+    def reach(self, **places: FloatArray) -> "Member":
+        """Bring the wrists `L` and `R` of a settled person to places (3,) world; elbows point where the script's angles
+        put them."""
+        for side, place in places.items():
+            self.set(**{"hand" + side: 1.0} | {f"h{a}{side}": float(v) for a, v in zip("xyz", place, strict=True)})
+        local, _ = self.solver.pose(self.script, self._shift)
+        moved = [i for i, b in enumerate(self.skeleton.bones) if b.startswith(_ARM) and b[-1] in places]
+        self.local[:, moved] = local[:, moved]
         self._place()
+        return self
 
     def overlap(self, other: "Member") -> float:
         """The deepest that the skin of this or the other person lies in the other, without reaching arms, metres;
@@ -194,6 +234,13 @@ def bring_together(
     while left > least:
         mover.move(-step * _STEP)
         left -= _STEP
-        if max(mover.overlap(o) for o in others) > soft:
+        if max(mover.overlap(o) for o in others) > soft or (way[2] and mover.skin[:, 2].min() < 0):
             mover.move(step * _STEP)
             return
+
+
+def push_apart(mover: Member, others: Sequence[Member], way: FloatArray, gap: float) -> None:
+    """Move a settled person along `way` (3,) until nobody is touched, arms included, and `gap` metres more."""
+    reach = max(float(np.linalg.norm(o.root[0] - mover.root[0])) for o in others) + 1.2
+    bring_together(mover, others, way, reach)
+    mover.move(way / np.linalg.norm(way) * gap)
