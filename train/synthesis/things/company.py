@@ -4,6 +4,7 @@ Someone at heading 0 faces -y, as in `train.synthesis.motions`. Metres and degre
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,7 +22,7 @@ PALM = 0.035  # metres from the skin that a hand touches to the wrist of the han
 _REACHING = ("upperarm02", "lowerarm", "wrist", "finger", "metacarpal")  # left out where bodies are kept apart
 _ARM = ("clavicle", "shoulder01", "upperarm", "lowerarm", "wrist")
 _FAR = 0.2  # metres between points of two bodies that say nothing about overlap
-_STEP = 0.03  # metres
+_STRIDES = (0.12, 0.03, 0.01)  # metres, of the approach
 
 
 class Member:
@@ -120,7 +121,7 @@ class Member:
             self._shift = self.root - [self.script["x"][0], self.script["y"][0], height]
         else:
             self._shift = np.zeros((1, 3))
-            for _ in range(3):
+            for _ in range(2):
                 self.local, self.root = self.solver.pose(self.script, self._shift)
                 rotations, at = forward(self.skeleton, self.local, self.root)
                 self._shift = self._shift + self.solver._corrections(self.script, self.local, self.root, at)
@@ -171,14 +172,12 @@ class Member:
         self._place()
         return self
 
-    def overlap(self, other: "Member") -> float:
-        """The deepest that the skin of this or the other person lies in the other, without reaching arms, metres;
-        negative where they are apart."""
-        return max(_depth(self, other), _depth(other, self))
-
-    def outward(self) -> FloatArray:
-        """(P, 3) normals of the skin."""
-        return np.asarray((self._rotations[0, self.skeleton.strongest] @ self._normals[..., None])[..., 0])
+    def outside(self) -> "Outside":
+        """The skin as it is now, without reaching arms."""
+        turn = self._rotations[0, self.skeleton.strongest[self._kept_apart]]
+        normals = (turn @ self._normals[self._kept_apart][..., None])[..., 0]
+        points = self.skin[self._kept_apart]
+        return Outside(points, normals, cKDTree(points))
 
     def posed(self) -> Posed:
         """The person as the scene needs it, with hands of the static sampler."""
@@ -211,36 +210,50 @@ def _normals(skeleton: SkinnedBody, neighbours: int = 8) -> FloatArray:
     return np.asarray(normals * np.where((normals * away).sum(1) < 0, -1, 1)[:, None])
 
 
-def _depth(a: Member, b: Member) -> float:
-    """The deepest that the skin of `a` lies in `b`, without arms."""
-    points = a.skin[a._kept_apart]
-    kept = b._kept_apart
-    distance, nearest = cKDTree(b.skin[kept]).query(points, distance_upper_bound=_FAR)
+@dataclass(frozen=True)
+class Outside:
+    """Points of a body's skin (P, 3), their outward normals (P, 3), and a search tree of the points."""
+
+    points: FloatArray
+    normals: FloatArray
+    tree: cKDTree
+
+    def overlap(self, other: "Outside", by: FloatArray) -> float:
+        """The deepest that the skin of one lies in the other, this one moved by (3,), metres; negative if apart."""
+        return max(_depth(self.points + by, other), _depth(other.points - by, self))
+
+
+def _depth(points: FloatArray, body: Outside) -> float:
+    """The deepest that `points` (P, 3) lie in `body`."""
+    distance, nearest = body.tree.query(points, distance_upper_bound=_FAR)
     near = np.isfinite(distance)
     if not near.any():
         return -_FAR
-    to = points[near] - b.skin[kept][nearest[near]]
-    return float(-(to * b.outward()[kept][nearest[near]]).sum(1).min())
+    nearest = nearest[near]
+    return float(-((points[near] - body.points[nearest]) * body.normals[nearest]).sum(1).min())
 
 
 def bring_together(
     mover: Member, others: Sequence[Member], way: Sequence[float], start: float, least: float = 0.0, soft: float = SOFT
 ) -> None:
-    """Move a settled person `start` metres along `way` (3,) and back until touching one of `others`, or until `least`
-    metres remain."""
+    """Move a settled person `start` metres along `way` (3,) and back until touching one of `others` (or the floor, if
+    from above), or until `least` metres remain."""
     step = np.array(way, float) / np.linalg.norm(way)
-    mover.move(step * start)
+    me, them = mover.outside(), [o.outside() for o in others]
+    bottom = mover.skin[:, 2].min() if step[2] else np.inf
+
+    def touches(left: float) -> bool:
+        return bottom + left * step[2] < 0 or any(me.overlap(o, step * left) > soft for o in them)
+
     left = start
-    while left > least:
-        mover.move(-step * _STEP)
-        left -= _STEP
-        if max(mover.overlap(o) for o in others) > soft or (way[2] and mover.skin[:, 2].min() < 0):
-            mover.move(step * _STEP)
-            return
+    for stride in _STRIDES:
+        while left - stride > least and not touches(left - stride):
+            left -= stride
+    mover.move(step * left)
 
 
 def push_apart(mover: Member, others: Sequence[Member], way: FloatArray, gap: float) -> None:
-    """Move a settled person along `way` (3,) until nobody is touched, arms included, and `gap` metres more."""
+    """Move a settled person along `way` (3,) until nobody is touched, reaching arms apart, and `gap` metres more."""
     reach = max(float(np.linalg.norm(o.root[0] - mover.root[0])) for o in others) + 1.2
-    bring_together(mover, others, way, reach)
+    bring_together(mover, others, tuple(way), reach)
     mover.move(way / np.linalg.norm(way) * gap)
