@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.rig import SIDES, SkinnedBody, forward, log, rot, skin
 from muybridge.train.synthesis.motions.script import Script
@@ -19,7 +19,8 @@ from muybridge.train.synthesis.things.scene import Posed
 
 SOFT = 0.02  # metres that bodies in contact may overlap: flesh and cloth give
 PALM = 0.035  # metres from the skin that a hand touches to the wrist of the hand
-_REACHING = ("upperarm02", "lowerarm", "wrist", "finger", "metacarpal")  # left out where bodies are kept apart
+# What is left out where bodies are kept apart: arms, which reach, and feet, which stand side by side.
+_FREE = ("shoulder01", "upperarm", "lowerarm", "wrist", "finger", "metacarpal", "foot", "toe")
 _ARM = ("clavicle", "shoulder01", "upperarm", "lowerarm", "wrist")
 _FAR = 0.2  # metres between points of two bodies that say nothing about overlap
 _STRIDES = (0.12, 0.03, 0.01)  # metres, of the approach
@@ -49,8 +50,6 @@ class Member:
         self.script = Script(np.zeros(1))
         self._shift = np.zeros((1, 3))
         self._hands = {s: body.poses.sample(1).rotvec[0] for s, _ in SIDES}
-        trunk = [not b.startswith(_REACHING) for b in self.skeleton.bones]
-        self._kept_apart: BoolArray = np.array(trunk)[self.skeleton.strongest]
         self._normals = _normals(self.skeleton)
 
     def set(self, **channels: float) -> "Member":
@@ -172,12 +171,13 @@ class Member:
         self._place()
         return self
 
-    def outside(self) -> "Outside":
-        """The skin as it is now, without reaching arms."""
-        turn = self._rotations[0, self.skeleton.strongest[self._kept_apart]]
-        normals = (turn @ self._normals[self._kept_apart][..., None])[..., 0]
-        points = self.skin[self._kept_apart]
-        return Outside(points, normals, cKDTree(points))
+    def outside(self, legs: bool = True) -> "Outside":
+        """The skin as it is now, without arms and feet, or without legs, too."""
+        free = _FREE if legs else (*_FREE, "upperleg", "lowerleg")
+        bone = self.skeleton.strongest
+        kept = np.array([not b.startswith(free) for b in self.skeleton.bones])[bone]
+        normals = (self._rotations[0, bone[kept]] @ self._normals[kept][..., None])[..., 0]
+        return Outside(self.skin[kept], normals, cKDTree(self.skin[kept]))
 
     def posed(self) -> Posed:
         """The person as the scene needs it, with hands of the static sampler."""
@@ -234,12 +234,18 @@ def _depth(points: FloatArray, body: Outside) -> float:
 
 
 def bring_together(
-    mover: Member, others: Sequence[Member], way: Sequence[float], start: float, least: float = 0.0, soft: float = SOFT
+    mover: Member,
+    others: Sequence[Member],
+    way: Sequence[float],
+    start: float,
+    least: float = 0.0,
+    soft: float = SOFT,
+    legs: bool = True,
 ) -> None:
     """Move a settled person `start` metres along `way` (3,) and back until touching one of `others` (or the floor, if
-    from above), or until `least` metres remain."""
+    from above), or until `least` metres remain; legs may touch if not `legs`."""
     step = np.array(way, float) / np.linalg.norm(way)
-    me, them = mover.outside(), [o.outside() for o in others]
+    me, them = mover.outside(legs), [o.outside() for o in others]
     bottom = mover.skin[:, 2].min() if step[2] else np.inf
 
     def touches(left: float) -> bool:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.floor import crawl, lie
 from muybridge.train.synthesis.things.company import Member, bring_together
@@ -40,17 +41,20 @@ def floor_wrestle(body: BodyModel, rng: np.random.Generator) -> Scene:
     middle = hips + rng.uniform(0.0, 1.0) * (chest - hips)
     head = a.at("neck01") - hips
     toward = float(np.degrees(np.arctan2(head[0], -head[1])))  # the heading of somebody who faces the head
-    if rng.random() < 0.5:  # astride
-        b.set(pitch=rng.uniform(5, 60), lean=rng.uniform(0, 45), abd=rng.uniform(25, 42), hip=rng.uniform(45, 95))
-        b.set(knee=rng.uniform(80, 130)).carried(*(middle + [0, 0, 0.9])[:3], toward + rng.normal(0, 20))
+    astride = rng.random() < 0.5
+    if astride:
+        b.set(pitch=rng.uniform(5, 45), lean=rng.uniform(0, 45), abd=rng.uniform(30, 45))
+        b.set(hip=rng.uniform(35, 70), knee=rng.uniform(50, 100) if turtle else rng.uniform(105, 140))
+        b.carried(*_apart(middle, 0.9), toward + rng.normal(0, 20))
     else:  # across, on the front
-        b.set(pitch=rng.uniform(65, 88), lean=rng.uniform(0, 25), abd=rng.uniform(0, 30), hip=rng.uniform(5, 50))
-        b.set(kneeL=rng.uniform(5, 80), kneeR=rng.uniform(5, 80))
+        b.set(pitch=rng.uniform(60, 85), lean=rng.uniform(0, 25), abd=rng.uniform(0, 30))
+        for s in "LR":
+            b.set(**{"hip" + s: rng.uniform(25, 65), "knee" + s: rng.uniform(5, 70)})
         angle = toward + rng.choice([-90, 90]) + rng.normal(0, 30)
         back = np.array([-np.sin(np.radians(angle)), np.cos(np.radians(angle)), 0]) * rng.uniform(0.2, 0.45)
-        b.carried(*(middle + back + [0, 0, 0.9])[:3], angle)
+        b.carried(*_apart(middle + back, 0.9), angle)
     b.set(flex=rng.uniform(50, 90), out=rng.uniform(15, 50), elbow=50.0).vary().lift()
-    bring_together(b, (a,), (0, 0, 1), 0.3, -1.0, soft=0.035)
+    bring_together(b, (a,), (0, 0, 1), 0.3, -1.2, soft=0.035, legs=not astride)
     holds = ["upperarm02.L", "upperarm02.R", "wrist.L", "wrist.R", "neck01"]
     for s, bone in zip("LR", rng.permutation(holds)[:2], strict=True):
         b.reach(**{s: a.at(str(bone), (0.0, 0.0, 0.0)) + [0, 0, 0.05]})
@@ -69,7 +73,7 @@ def tackle(body: BodyModel, rng: np.random.Generator) -> Scene:
     b.set(flex=80.0, out=45.0, elbow=50.0).vary().stand(0.0, 0.0, side, 1.1, rng.uniform(-0.9, 0.9))
     b.set(balance=0.0).settle()
     back = np.array([-np.sin(np.radians(side)), np.cos(np.radians(side)), 0.0])
-    aside = np.cross(back, [0, 0, 1]) * rng.choice([-1, 1]) * rng.uniform(0.1, 0.2)
+    aside = np.cross(back, [0, 0, 1]) * rng.choice([-1, 1]) * rng.uniform(0.16, 0.24)
     b.move((a.root[0] - b.root[0]) * [1, 1, 0] + aside)
     bring_together(b, (a,), back, 1.5, soft=0.03)
     for s in "LR":
@@ -78,7 +82,12 @@ def tackle(body: BodyModel, rng: np.random.Generator) -> Scene:
     return scene("tackle", (a, b), rng)
 
 
-def _turn(m: Member) -> np.ndarray:
+def _apart(place: FloatArray, height: float) -> tuple[float, float, float]:
+    """A place `height` metres above another."""
+    return float(place[0]), float(place[1]), float(place[2]) + height
+
+
+def _turn(m: Member) -> FloatArray:
     """(3, 3) world from the axes of the body at rest, by its heading."""
     c, s = np.cos(np.radians(m.script["yaw"][0])), np.sin(np.radians(m.script["yaw"][0]))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
@@ -90,11 +99,11 @@ def piggyback(body: BodyModel, rng: np.random.Generator) -> Scene:
     b = Member(body, rng, CHILD if rng.random() < 0.4 else None)
     a.set(lean=rng.uniform(8, 30), pitch=rng.uniform(0, 12), flex=-25.0, out=35.0, elbow=90.0).vary(0.6)
     a.stand(0.0, 0.0, 0.0, split=rng.uniform(-0.5, 0.5)).settle()
-    b.set(hip=rng.uniform(65, 95), abd=rng.uniform(28, 40), knee=rng.uniform(60, 110), pitch=rng.uniform(0, 25))
+    b.set(hip=rng.uniform(65, 95), abd=rng.uniform(38, 50), knee=rng.uniform(60, 110), pitch=rng.uniform(0, 25))
     b.set(lean=rng.uniform(0, 20), flex=75.0, out=25.0, elbow=60.0).vary(0.7)
     height = a.at("root")[2] + rng.uniform(0.08, 0.25)
     b.carried(rng.uniform(-0.03, 0.03), float(a.root[0, 1]), float(height), rng.normal(0, 5)).lift()
-    bring_together(b, (a,), (0, 1, 0), 0.9, soft=0.03)
+    bring_together(b, (a,), (0, 1, 0), 0.9, soft=0.03, legs=False)
     b.reach(**{s: a.spot("spine01", (0.4 * x, -1, 0.5 * rng.random())) for s, x in (("L", -1), ("R", 1))})
     a.reach(**{s: b.at("lowerleg01." + s, (0.0, 0.07, 0.09)) for s in "LR"})
     return scene("carry", (a, b), rng)
@@ -108,7 +117,7 @@ def in_the_arms(body: BodyModel, rng: np.random.Generator) -> Scene:
     a.stand(0.0, 0.0, 0.0, split=rng.uniform(-0.3, 0.3)).settle()
     head, feet = sides(rng)  # of the carrier, where the other's head and feet are
     sign = 1.0 if head == "R" else -1.0
-    b.set(pitch=-rng.uniform(45, 80), lean=rng.uniform(0, 30), hip=rng.uniform(45, 90), knee=rng.uniform(40, 100))
+    b.set(pitch=-rng.uniform(55, 85), lean=rng.uniform(0, 25), hip=rng.uniform(45, 90), knee=rng.uniform(40, 100))
     b.set(abd=-4.0, flex=20.0, out=15.0, elbow=50.0).vary(0.7)
     height = float(a.at("spine04")[2]) + rng.uniform(-0.05, 0.1)
     b.carried(0.12 * sign, float(a.root[0, 1]), height, 90.0 * sign).lift()
@@ -132,7 +141,7 @@ def carried_child(body: BodyModel, rng: np.random.Generator) -> Scene:
     if rng.random() < 0.35:
         neck = a.at("neck01")
         c.carried(float(neck[0]), float(neck[1]) + 0.07, float(neck[2]) + 0.5, rng.normal(0, 6)).lift()
-        bring_together(c, (a,), (0, 0, 1), 0.1, -0.5, soft=0.045)
+        bring_together(c, (a,), (0, 0, 1), 0.1, -0.5, soft=0.045, legs=False)
         a.reach(**{s: c.at("foot." + s, (0.0, -0.03, 0.08)) for s in "LR"})
         c.reach(**{s: a.spot("head", (0.5 if s == "L" else -0.5, -0.2, 1)) for s in "LR"})
         return scene("carry", (a, c), rng)
@@ -141,7 +150,7 @@ def carried_child(body: BodyModel, rng: np.random.Generator) -> Scene:
     way = np.array([0.0 if chest else sign * rng.uniform(0.5, 1.5), -1.0, 0.0])
     heading = 180.0 + (0.0 if chest else sign * rng.uniform(10, 60))
     c.carried(float(a.root[0, 0]) + way[0] * 0.1, float(a.root[0, 1]), height, heading).lift()
-    bring_together(c, (a,), way, 0.7, soft=0.03)
+    bring_together(c, (a,), tuple(way), 0.7, soft=0.03, legs=chest)
     a.reach(**{side: c.spot("root", (0, 1, -1)), other: c.spot("spine02", (0.3, 1, 0))})
     c.reach(**{s: a.at("upperarm01." + ("R" if s == "L" else "L"), (0, -0.02, 0.08)) for s in "LR"})
     return scene("carry", (a, c), rng)

@@ -27,7 +27,7 @@ def hug(body: BodyModel, rng: np.random.Generator) -> Scene:
     """Two people in each other's arms, or one who embraces the other from behind."""
     behind = rng.random() < 0.25
     a, b = Member(body, rng), Member(body, rng)
-    for m, x, heading in ((a, 0.0, 0.0), (b, rng.uniform(-0.08, 0.08), 0.0 if behind else 180.0)):
+    for m, x, heading in ((a, 0.0, 0.0), (b, rng.choice([-1, 1]) * rng.uniform(0.04, 0.12), 0.0 if behind else 180.0)):
         m.set(lean=rng.uniform(2, 14), flex=rng.uniform(30, 75), out=rng.uniform(20, 50), elbow=60.0).vary(0.7)
         m.stand(x, 0.0, heading + rng.normal(0, 8), split=rng.uniform(-0.15, 0.15)).settle()
     bring_together(b, (a,), (0, 1, 0) if behind else (0, -1, 0), 0.8)
@@ -78,12 +78,12 @@ def handshake(body: BodyModel, rng: np.random.Generator) -> Scene:
         m.set(lean=rng.uniform(2, 22), flex=35.0, out=15.0, elbow=70.0).vary()
         m.stand(0.0, 0.0, heading + rng.normal(0, 12), split=rng.uniform(-0.3, 0.3)).settle()
     b.move(np.array([rng.uniform(-0.2, 0.2), 0.0, 0.0]))
-    bring_together(b, (a,), (0, -1, 0), 1.5, rng.uniform(0.55, 0.95))
+    bring_together(b, (a,), (0, -1, 0), 1.5, rng.uniform(0.5, 0.8))
     s, _ = sides(rng) if rng.random() < 0.15 else ("R", "L")
     middle = (a.at("upperarm01." + s) + b.at("upperarm01." + s)) / 2
     middle[2] = rng.uniform(0.55, 0.8) * min(a.at("neck01")[2], b.at("neck01")[2]) + rng.choice([0, 0.25], p=[0.8, 0.2])
     along = (b.root[0] - a.root[0]) * [1, 1, 0]
-    along = along / np.linalg.norm(along) * 0.08
+    along = along / np.linalg.norm(along) * 0.05
     a.reach(**{s: middle - along})
     b.reach(**{s: middle + along})
     if rng.random() < 0.3:
@@ -118,7 +118,7 @@ def child_by_the_hand(body: BodyModel, rng: np.random.Generator) -> Scene:
     side, other = sides(rng)
     sign = 1.0 if side == "L" else -1.0
     facing = rng.random() < 0.35
-    bend = rng.uniform(0.55, 0.9) if facing else rng.uniform(0.95, 0.99)
+    bend = rng.uniform(0.5, 0.8) if facing else rng.uniform(0.95, 0.99)
     a.set(height=bend, lean=45 * (1 - bend) + rng.uniform(0, 12), pitch=30 * (1 - bend), flex=45.0 if facing else 10.0)
     a.vary().stand(0.0, 0.0, 0.0, split=rng.uniform(-0.5, 0.5)).settle()
     c.set(flex=40.0, out=30.0).vary().stand(
@@ -126,7 +126,7 @@ def child_by_the_hand(body: BodyModel, rng: np.random.Generator) -> Scene:
     )
     c.settle()
     if facing:
-        bring_together(c, (a,), (0, -1, 0), 1.2, rng.uniform(0.25, 0.6))
+        bring_together(c, (a,), (0, -1, 0), 1.2, rng.uniform(0.2, 0.4))
         low = rng.random() < 0.5  # hands in hands, or on the child's arms
         for s, o, across in (("L", "R", 1.0), ("R", "L", -1.0)):
             place = c.at("spine02") + [across * 0.25, 0.2, 0.05] if low else c.at("upperarm02." + o)
