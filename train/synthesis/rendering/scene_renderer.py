@@ -22,13 +22,15 @@ from muybridge.train.synthesis.rendering.labels import (
 )
 from muybridge.train.synthesis.rendering.renderer import Lighting, Renderer
 from muybridge.train.synthesis.rendering.thing_buffers import ThingBuffers
-from muybridge.train.synthesis.rendering.view import NEAR, View
+from muybridge.train.synthesis.rendering.view import FAR, NEAR, View
 from muybridge.train.synthesis.things.scene import Scene
 
 OTHERS = 4  # people besides the subject whose boxes are kept
 # Owners of pixels besides people, who have their numbers.
 NOBODY, THING = -1, 100
 _CELL = 3  # pixels, side of the cells in which a person's visible share is counted
+_HORIZON = 0.999 * FAR  # metres; beyond it nothing is drawn
+_BEYOND = 400  # cells on either side of the image's corner in which a body is counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +97,8 @@ class SceneRenderer:
         self.renderer.bind_textures()
         target, mask, depth = self.renderer.target(view.width, view.height)
         self._draw_shadows(view, outfits, lighting, mask)
-        owner = self._draw_colours(view, outfits, values, target, depth)
-        rgba, shadow, metres = read_pixels(view, target), read_pixels(view, mask), read_depth(view, depth)
+        owner, metres = self._draw_colours(view, outfits, values, target, depth)
+        rgba, shadow = read_pixels(view, target), read_pixels(view, mask)
         people = (owner != NOBODY) & (owner != THING)
         expose(rgba, people if people.any() else owner != NOBODY)
         rgba, things = _antialias(rgba, owner)
@@ -148,19 +150,19 @@ class SceneRenderer:
 
     def _draw_colours(
         self, view: View, outfits: list[Outfit], values: dict[str, object], target: object, depth: object
-    ) -> IntArray:
-        """Draw everything; return whom each pixel (H, W) shows."""
+    ) -> tuple[IntArray, Float32Array]:
+        """Draw everything; return whom each pixel (H, W) shows, and its depth in metres."""
         r = self.renderer
         r.ctx.enable(r.gl.DEPTH_TEST)
         target.use()  # type: ignore[attr-defined]
         target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
         owner = np.full((view.height, view.width), NOBODY, np.int16)
-        before = np.ones(owner.shape, np.float32)
+        metres = np.full(owner.shape, np.inf, np.float32)
 
         def claim(number: int) -> None:
-            now = np.frombuffer(depth.read(alignment=1), "f4").reshape(owner.shape)[::-1]  # type: ignore[attr-defined]
-            owner[now < before] = number
-            before[:] = now
+            now = read_depth(view, depth)
+            owner[now < np.minimum(metres, _HORIZON)] = number
+            metres[:] = now
 
         for person, outfit in enumerate(outfits[: len(self._shapes)]):
             if len(self._shapes) > 1:
@@ -171,7 +173,7 @@ class SceneRenderer:
             r.ctx.disable(r.gl.CULL_FACE)
             self._things.draw("colour", outfits[0].uniforms() | values)
             claim(THING)
-        return owner
+        return owner, metres
 
     def _others(self, view: View, owner: IntArray, subject: int) -> tuple[Float32Array, Float32Array]:
         """Boxes (OTHERS, 4) and visible shares (OTHERS,) of the people besides the subject, the most visible first."""
@@ -189,11 +191,13 @@ def _extent(view: View, shape: Shape, owner: IntArray, person: int) -> tuple[Flo
     px, depth_m = view.project(shape.vertices[:BODY_VERTICES])
     if depth_m.min() < NEAR:
         return None
-    cells = np.unique(np.round(px[::2] / _CELL).astype(int), axis=0)
-    at = cells * _CELL
-    inside = np.all((at >= 0) & (at < [view.width, view.height]), axis=1)
-    seen = owner[at[inside, 1], at[inside, 0]] == person
-    return np.concatenate([px.min(0), px.max(0)]).astype(np.float32), float(seen.sum() / len(cells))
+    cells = np.round(px[::2] / _CELL).clip(-_BEYOND, _BEYOND).astype(np.intp)
+    occupied = np.zeros((2 * _BEYOND + 1,) * 2, bool)
+    occupied[cells[:, 1] + _BEYOND, cells[:, 0] + _BEYOND] = True
+    part = owner[::_CELL, ::_CELL]
+    inside = occupied[_BEYOND:, _BEYOND:][: part.shape[0], : part.shape[1]]
+    share = (inside & (part == person)).sum() / occupied.sum()
+    return np.concatenate([px.min(0), px.max(0)]).astype(np.float32), float(share)
 
 
 def _covered(view: View, points_world: Float32Array, metres: Float32Array, owner: IntArray, subject: int) -> BoolArray:

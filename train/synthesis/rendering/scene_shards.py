@@ -24,8 +24,8 @@ UNUSUAL_ALONE = 0.7  # the same of people alone, of whom there are enough other 
 _TRIES = 12  # views of a scene before one with fewer visible landmarks is kept
 _LEAST_SEEN = 5  # landmarks
 _CLEARANCE = 0.3  # metres between the camera and everything
-_CELL = 0.04  # metres
-_CHOICE = 4  # views among which one with a hidden person is preferred
+_CELL = 0.06  # metres
+_CHOICE = 3  # views among which one with a hidden person is preferred
 _TOO_HIDDEN = 0.85  # share of a body
 
 
@@ -122,7 +122,7 @@ def choose_view(scene: Scene, rng: np.random.Generator) -> tuple[int, View]:
     views = [clear_view(scene, int(k), rng) for k in subjects]
     if count == 1:
         return 0, views[0]
-    bodies = [p.vertices[:BODY_VERTICES:3] for p in scene.people]
+    bodies = [p.vertices[:BODY_VERTICES:6] for p in scene.people]
     hidden = np.array([hidden_shares(bodies, v)[k] for k, v in zip(subjects, views, strict=True)])
     weights = np.where(hidden < _TOO_HIDDEN, 0.15 + hidden, 0.02)
     chosen = int(rng.choice(len(views), p=weights / weights.sum()))
@@ -134,10 +134,9 @@ def hidden_shares(people: Sequence[Float32Array], view: View) -> FloatArray:
     right, down, ahead = view.cam_from_world[:, :3]
     points = np.concatenate(people)
     whose = np.repeat(np.arange(len(people)), [len(p) for p in people])
-    cells = np.floor(np.stack([points @ right, points @ down], -1) / _CELL).astype(int)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    nearest = np.full((int(cell.max()) + 1, len(people)), np.inf)
-    np.minimum.at(nearest, (cell.ravel(), whose), points @ ahead)
-    there = np.isfinite(nearest)
-    behind = there & (nearest > nearest.min(1, keepdims=True))
-    return np.asarray(behind.sum(0) / there.sum(0))
+    cells = np.stack([points @ right, points @ down], -1) / _CELL
+    cells = (cells - cells.min(0)).astype(np.intp)
+    nearest = np.full((*(cells.max(0) + 1), len(people)), np.inf)
+    np.minimum.at(nearest, (*cells.T, whose), points @ ahead)
+    behind = np.isfinite(nearest) & (nearest > nearest.min(-1, keepdims=True))
+    return np.asarray(behind.sum((0, 1)) / np.isfinite(nearest).sum((0, 1)))

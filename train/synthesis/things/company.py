@@ -3,23 +3,27 @@
 Someone at heading 0 faces -y, as in `train.synthesis.motions`. Metres and degrees.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.motions.rig import SIDES, SkinnedBody, forward, log, rot, skin
 from muybridge.train.synthesis.motions.script import Script
 from muybridge.train.synthesis.motions.solve import Solver
+from muybridge.train.synthesis.motions.stage import Stage
 from muybridge.train.synthesis.things.scene import Posed
 
 SOFT = 0.02  # metres that bodies in contact may overlap: flesh and cloth give
 PALM = 0.035  # metres from the skin that a hand touches to the wrist of the hand
-_REACHING = ("upperarm02", "lowerarm", "wrist", "finger", "metacarpal")  # left out where bodies are kept apart
+# What is left out where bodies are kept apart: arms, which reach, and feet, which stand side by side.
+_FREE = ("shoulder01", "upperarm", "lowerarm", "wrist", "finger", "metacarpal", "foot", "toe")
+_ARM = ("clavicle", "shoulder01", "upperarm", "lowerarm", "wrist")
 _FAR = 0.2  # metres between points of two bodies that say nothing about overlap
-_STEP = 0.03  # metres
+_STRIDES = (0.12, 0.03, 0.01)  # metres, of the approach
 
 
 class Member:
@@ -46,8 +50,6 @@ class Member:
         self.script = Script(np.zeros(1))
         self._shift = np.zeros((1, 3))
         self._hands = {s: body.poses.sample(1).rotvec[0] for s, _ in SIDES}
-        trunk = [not b.startswith(_REACHING) for b in self.skeleton.bones]
-        self._kept_apart: BoolArray = np.array(trunk)[self.skeleton.strongest]
         self._normals = _normals(self.skeleton)
 
     def set(self, **channels: float) -> "Member":
@@ -66,6 +68,38 @@ class Member:
                 self.script[name + s] = self.script[name + s] + self.rng.normal(0, sd) * size
         return self
 
+    def play(self, motion: Callable[[Stage], None], calm: float = 0.3) -> "Member":
+        """Take the pose of a generator of motion (`motions.floor` and others) at a random time, at the origin."""
+        stage = Stage(self.solver, self.script.time, self.rng, calm)
+        motion(stage)
+        self.script = stage.s
+        return self
+
+    def sit(self, x: float, y: float, heading: float, seat: float) -> "Member":
+        """On a seat of that height at (x, y), feet on the floor in front of it."""
+        leg, turn = self.skeleton.leg, rot(2, heading)
+        self.set(x=x, y=y, yaw=heading, height=(seat + 0.10 * self.k) / float(self.skeleton.rest[0, 2]))
+        self.set(pitch=self.rng.uniform(-14, 6), lean=self.rng.uniform(-4, 28))
+        for s, sign in SIDES:
+            foot = [sign * self.rng.uniform(0.06, 0.2), -self.rng.uniform(0.5, 0.72) * leg, 0.0]
+            bx, by, _ = turn @ foot + [x, y, 0]
+            yaw = heading + sign * self.rng.uniform(0, 15)
+            self.set(**{"bx" + s: float(bx), "by" + s: float(by), "byaw" + s: yaw})
+        return self
+
+    def carried(self, x: float, y: float, z: float, heading: float) -> "Member":
+        """Off the floor: the root at (x, y, z), legs by their angles."""
+        return self.set(
+            x=x, y=y, yaw=heading, height=z / float(self.skeleton.rest[0, 2]), plant=0.0, contact=0.0, balance=0.0
+        )
+
+    def lift(self) -> "Member":
+        """Settle where the script puts the body, whatever is below."""
+        self._shift = np.zeros((1, 3))
+        self.local, self.root = self.solver.pose(self.script, self._shift)
+        self._place()
+        return self
+
     def stand(self, x: float, y: float, heading: float, width: float = 1.0, split: float = 0.0) -> "Member":
         """Feet on the floor below (x, y), `split` metres apart fore and aft, the left one in front if positive."""
         self.set(x=x, y=y, yaw=heading, balance=1.0)
@@ -82,9 +116,11 @@ class Member:
         """Find where the pose puts the body: balanced, out of the floor. `exact`: what lies on the floor does."""
         if exact:
             self.local, self.root = self.solver.solve(self.script)
+            height = self.script["height"][0] * self.skeleton.rest[0, 2]
+            self._shift = self.root - [self.script["x"][0], self.script["y"][0], height]
         else:
             self._shift = np.zeros((1, 3))
-            for _ in range(3):
+            for _ in range(2):
                 self.local, self.root = self.solver.pose(self.script, self._shift)
                 rotations, at = forward(self.skeleton, self.local, self.root)
                 self._shift = self._shift + self.solver._corrections(self.script, self.local, self.root, at)
@@ -124,21 +160,24 @@ class Member:
         turn = self._rotations[0, self.skeleton.strongest[chosen]]
         return np.asarray(self.skin[chosen] + turn @ way * out)
 
-    def reach(self, side: str, place: FloatArray) -> None:
-        """Bring the wrist of a settled person to `place` (3,) world; the elbow points where the script's angles put
-        it."""
-        self.set(**{"hand" + side: 1.0} | {f"h{a}{side}": float(v) for a, v in zip("xyz", place, strict=True)})
-        self.local, self.root = self.solver.pose(self.script, self._shift)
+    def reach(self, **places: FloatArray) -> "Member":
+        """Bring the wrists `L` and `R` of a settled person to places (3,) world; elbows point where the script's angles
+        put them."""
+        for side, place in places.items():
+            self.set(**{"hand" + side: 1.0} | {f"h{a}{side}": float(v) for a, v in zip("xyz", place, strict=True)})
+        local, _ = self.solver.pose(self.script, self._shift)
+        moved = [i for i, b in enumerate(self.skeleton.bones) if b.startswith(_ARM) and b[-1] in places]
+        self.local[:, moved] = local[:, moved]
         self._place()
+        return self
 
-    def overlap(self, other: "Member") -> float:
-        """The deepest that the skin of this or the other person lies in the other, without reaching arms, metres;
-        negative where they are apart."""
-        return max(_depth(self, other), _depth(other, self))
-
-    def outward(self) -> FloatArray:
-        """(P, 3) normals of the skin."""
-        return np.asarray((self._rotations[0, self.skeleton.strongest] @ self._normals[..., None])[..., 0])
+    def outside(self, legs: bool = True) -> "Outside":
+        """The skin as it is now, without arms and feet, or without legs, too."""
+        free = _FREE if legs else (*_FREE, "upperleg", "lowerleg")
+        bone = self.skeleton.strongest
+        kept = np.array([not b.startswith(free) for b in self.skeleton.bones])[bone]
+        normals = (self._rotations[0, bone[kept]] @ self._normals[kept][..., None])[..., 0]
+        return Outside(self.skin[kept], normals, cKDTree(self.skin[kept]))
 
     def posed(self) -> Posed:
         """The person as the scene needs it, with hands of the static sampler."""
@@ -171,29 +210,56 @@ def _normals(skeleton: SkinnedBody, neighbours: int = 8) -> FloatArray:
     return np.asarray(normals * np.where((normals * away).sum(1) < 0, -1, 1)[:, None])
 
 
-def _depth(a: Member, b: Member) -> float:
-    """The deepest that the skin of `a` lies in `b`, without arms."""
-    points = a.skin[a._kept_apart]
-    kept = b._kept_apart
-    distance, nearest = cKDTree(b.skin[kept]).query(points, distance_upper_bound=_FAR)
+@dataclass(frozen=True)
+class Outside:
+    """Points of a body's skin (P, 3), their outward normals (P, 3), and a search tree of the points."""
+
+    points: FloatArray
+    normals: FloatArray
+    tree: cKDTree
+
+    def overlap(self, other: "Outside", by: FloatArray) -> float:
+        """The deepest that the skin of one lies in the other, this one moved by (3,), metres; negative if apart."""
+        return max(_depth(self.points + by, other), _depth(other.points - by, self))
+
+
+def _depth(points: FloatArray, body: Outside) -> float:
+    """The deepest that `points` (P, 3) lie in `body`."""
+    distance, nearest = body.tree.query(points, distance_upper_bound=_FAR)
     near = np.isfinite(distance)
     if not near.any():
         return -_FAR
-    to = points[near] - b.skin[kept][nearest[near]]
-    return float(-(to * b.outward()[kept][nearest[near]]).sum(1).min())
+    nearest = nearest[near]
+    return float(-((points[near] - body.points[nearest]) * body.normals[nearest]).sum(1).min())
 
 
 def bring_together(
-    mover: Member, others: Sequence[Member], way: Sequence[float], start: float, least: float = 0.0, soft: float = SOFT
+    mover: Member,
+    others: Sequence[Member],
+    way: Sequence[float],
+    start: float,
+    least: float = 0.0,
+    soft: float = SOFT,
+    legs: bool = True,
 ) -> None:
-    """Move a settled person `start` metres along `way` (3,) and back until touching one of `others`, or until `least`
-    metres remain."""
+    """Move a settled person `start` metres along `way` (3,) and back until touching one of `others` (or the floor, if
+    from above), or until `least` metres remain; legs may touch if not `legs`."""
     step = np.array(way, float) / np.linalg.norm(way)
-    mover.move(step * start)
+    me, them = mover.outside(legs), [o.outside() for o in others]
+    bottom = mover.skin[:, 2].min() if step[2] else np.inf
+
+    def touches(left: float) -> bool:
+        return bottom + left * step[2] < 0 or any(me.overlap(o, step * left) > soft for o in them)
+
     left = start
-    while left > least:
-        mover.move(-step * _STEP)
-        left -= _STEP
-        if max(mover.overlap(o) for o in others) > soft:
-            mover.move(step * _STEP)
-            return
+    for stride in _STRIDES:
+        while left - stride > least and not touches(left - stride):
+            left -= stride
+    mover.move(step * left)
+
+
+def push_apart(mover: Member, others: Sequence[Member], way: FloatArray, gap: float) -> None:
+    """Move a settled person along `way` (3,) until nobody is touched, reaching arms apart, and `gap` metres more."""
+    reach = max(float(np.linalg.norm(o.root[0] - mover.root[0])) for o in others) + 1.2
+    bring_together(mover, others, tuple(way), reach)
+    mover.move(way / np.linalg.norm(way) * gap)

@@ -20,11 +20,11 @@ void main() {
   if (pattern == 0) a *= .92 + .16 * dust;
   else if (pattern == 1) a *= .55 + .6 * fractal(q * 14.) + .3 * fractal(q * 50.); // mottled
   else if (pattern == 2) { // wood: rings of a trunk along x
-    float rings = fract(length(q.yz + .04 * fractal(q * vec3(2., 8., 8.))) * 34. + 2. * fractal(q * vec3(3., 20., 20.)));
-    a *= mix(.62, 1.08, smoothstep(0., .35, rings) * smoothstep(1., .7, rings)) * (.9 + .2 * fractal(q * vec3(8., 120., 120.)));
+    float rings = fract(length(q.yz + .04 * fractal(q * vec3(2., 8., 8.))) * 22. + 2. * fractal(q * vec3(3., 20., 20.)));
+    a *= mix(.78, 1.05, smoothstep(0., .35, rings) * smoothstep(1., .7, rings)) * (.9 + .2 * fractal(q * vec3(8., 120., 120.)));
   } else if (pattern == 3) { // woven
-    vec3 t = sin(q * 700.);
-    a *= (.8 + .1 * (t.x * t.y + t.y * t.z + t.z * t.x)) * (.85 + .3 * dust);
+    vec3 t = sin(q * 320.);
+    a *= (.9 + .06 * (t.x * t.y + t.y * t.z + t.z * t.x)) * (.85 + .3 * dust);
   } else if (pattern == 4) { // brushed metal
     a *= .8 + .35 * fractal(q * vec3(6., 160., 160.));
     n = normalize(n + .12 * (vec3(fractal(q * 60.), fractal(q * 60. + 3.), fractal(q * 60. + 7.)) - .45));
