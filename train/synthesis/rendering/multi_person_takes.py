@@ -12,15 +12,13 @@ from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit, sample_outfit
 from muybridge.train.synthesis.motions.sampler import MotionClip, MotionSampler
 from muybridge.train.synthesis.rendering.renderer import Renderer
-from muybridge.train.synthesis.rendering.takes import person_layers
+from muybridge.train.synthesis.rendering.takes import WINDOW_STEP_PX, person_layers
 from muybridge.train.synthesis.rendering.view import View, look_at
 
 # Least distance between the centres of people, metres, unless they came as a pair.
 _LEAST_DISTANCE = 0.55
 _TRIES = 40
 _AT_ONCE = 32
-# Sides of the windows for rendering people are multiples of this, so that few render targets are needed.
-_STEP_PX = 160
 
 
 @dataclass(frozen=True)
@@ -100,10 +98,16 @@ def _place_apart(
 
 
 def sample_rig(
-    rng: np.random.Generator, count: int, size: tuple[int, int], distance: float, target_height: float = 0.95
+    rng: np.random.Generator,
+    count: int,
+    size: tuple[int, int],
+    distance: float,
+    target_height: float = 0.95,
+    span: float = 3.0,
 ) -> CameraGroup:
     """`count` cameras of `size` (width, height) px on tripods around the middle of the room, about `distance` metres
-    from it, none exactly level, all with slightly different lenses."""
+    from it, none exactly level, all with slightly different lenses; `span` metres around the middle of the room fit into
+    the shorter side."""
     width, height = size
     cameras = []
     start = rng.uniform(0, 2 * np.pi)
@@ -112,8 +116,7 @@ def sample_rig(
         away = distance * rng.uniform(0.88, 1.08)
         center = np.array([away * np.cos(angle), away * np.sin(angle), rng.uniform(0.9, 2.7)])
         target = np.array([*rng.normal(0, 0.15, 2), target_height])
-        # About 3 m around the middle of the room fit into the shorter side.
-        focal = float(min(size) * away / 3.0 * rng.uniform(0.9, 1.1))
+        focal = float(min(size) * away / span * rng.uniform(0.9, 1.1))
         params = (focal, focal, (width - 1) / 2, (height - 1) / 2)
         pose = look_at(center, target, np.radians(rng.normal(0, 4)))
         cameras.append(Camera(f"cam{k + 1}", "PINHOLE", width, height, params, pose))
@@ -162,7 +165,7 @@ def _layer(
     high = np.ceil(px.max(0) + 8).clip(0, limit).astype(int)
     if (high - low).min() < 2:
         return None
-    side = np.minimum(-(-(high - low) // _STEP_PX) * _STEP_PX, limit)
+    side = np.minimum(-(-(high - low) // WINDOW_STEP_PX) * WINDOW_STEP_PX, limit)
     low = np.minimum(low, limit - side)
     x, y = np.array(view.principal_px) - low
     window = View(view.cam_from_world, view.focal_px, (x, y), int(side[0]), int(side[1]))

@@ -1,5 +1,6 @@
 """Whole takes of one synthetic person: a moving body in a rendered room, several cameras, with the truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,13 @@ from muybridge.arrays import ByteArray, Float32Array, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BodyBatch, BodyModel
 from muybridge.train.synthesis.clothing.sample import Outfit
 from muybridge.train.synthesis.rendering.renderer import SHADERS, Renderer
+from muybridge.train.synthesis.rendering.scene_renderer import SceneRenderer
 from muybridge.train.synthesis.rendering.view import View
+from muybridge.train.synthesis.things.scene import Scene
 
 STANCE = "right_heel"
+# Sides of the windows for rendering are multiples of this, so that few render targets are needed.
+WINDOW_STEP_PX = 160
 
 
 @dataclass(frozen=True)
@@ -173,3 +178,30 @@ def draw_frame(
     picture = background * (1 - 0.4 * shadow[..., None] / 255.0) * (1 - alpha) + rgba[..., :3]
     picture += rng.normal(0, 3.0, picture.shape)
     return picture.clip(0, 255).astype(np.uint8)
+
+
+def draw_scene(
+    renderer: SceneRenderer, background: Float32Array, view: View, scene: Scene, outfits: Sequence[Outfit]
+) -> Float32Array:
+    """(H, W, 3) RGB, 0 to 255: the people and things of a scene before a background, with their shadows on the
+    floor."""
+    light = np.array(outfits[0].light)
+    points = np.concatenate([p.vertices for p in scene.people] + [t.vertices_world for t in scene.things])
+    shadow = points - points[:, 2:] * (light / max(light[2], 0.15))
+    px, depth_m = view.project(np.concatenate([points, shadow]).astype(float))
+    limit, px = np.array([view.width, view.height]), px[depth_m > 0.3]
+    low = np.floor(px.min(0) - 8).clip(0, limit).astype(int)
+    high = np.ceil(px.max(0) + 8).clip(0, limit).astype(int)
+    side = np.minimum(-(-(high - low) // WINDOW_STEP_PX) * WINDOW_STEP_PX, limit)
+    low = np.minimum(low, limit - side)
+    (x, y), (w, h) = low.tolist(), side.tolist()
+    center = (view.principal_px[0] - x, view.principal_px[1] - y)
+    renderer.load(scene)
+    shot = renderer.render(View(view.cam_from_world, view.focal_px, center, w, h), outfits)
+    rgba = shot.rgba.astype(np.float32)
+    soft = cv2.GaussianBlur(shot.shadow, (0, 0), 3)
+    picture = background.copy()
+    part = picture[y : y + h, x : x + w]
+    part *= (1 - 0.4 * soft[..., None].astype(np.float32) / 255) * (1 - rgba[..., 3:] / 255)
+    part += rgba[..., :3]
+    return picture

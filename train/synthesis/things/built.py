@@ -3,13 +3,14 @@
 A thing stands on z = 0 around the origin; who uses it faces -y and has x to the left, like a body at heading 0.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from muybridge.arrays import FloatArray
-from muybridge.train.synthesis.motions.rig import rot
+from muybridge.arrays import FloatArray, IntArray
+from muybridge.train.synthesis.motions.rig import rot, turn
 from muybridge.train.synthesis.things.scene import Thing
 from muybridge.train.synthesis.things.shapes import FUR, METAL, MOTTLED, PLAIN, WOOD, WOVEN, Mesh, Surface
 
@@ -43,12 +44,30 @@ def spot(
 
 
 @dataclass(frozen=True, eq=False)
+class Pivot:
+    """A part of a thing that turns, such as a wheel.
+
+    Attributes:
+        at: (3,) on the axle, metres.
+        axis: (3,) of the axle, unit.
+        vertices: indices of the mesh's vertices that turn.
+        riders: names of pivots, and of places on their parts, that are carried around.
+    """
+
+    at: FloatArray
+    axis: FloatArray
+    vertices: IntArray
+    riders: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Built:
-    """A thing and its places by name; those of a side end in L and R."""
+    """A thing, its places by name, and its parts that turn; names of a side end in L and R."""
 
     kind: str
     mesh: Mesh
     spots: dict[str, Spot]
+    pivots: dict[str, Pivot] = field(default_factory=dict)
 
     def placed(self, heading: float = 0.0, at: ArrayLike = (0.0, 0.0, 0.0)) -> "Built":
         """The thing turned by `heading` degrees about the vertical, then moved to `at` (3,)."""
@@ -61,13 +80,37 @@ class Built:
             name: replace(s, at=turn @ s.at + to, axis=turn @ s.axis, normal=turn @ s.normal)
             for name, s in self.spots.items()
         }
-        return replace(self, mesh=self.mesh.turned(turn).moved(to), spots=spots)
+        pivots = {n: replace(p, at=turn @ p.at + to, axis=turn @ p.axis) for n, p in self.pivots.items()}
+        return replace(self, mesh=self.mesh.turned(turn).moved(to), spots=spots, pivots=pivots)
+
+    def spun(self, name: str, degrees: float) -> "Built":
+        """The thing with the pivot `name` turned about its axis; the places that it carries keep their
+        directions."""
+        pivot = self.pivots[name]
+        by = turn(np.radians(degrees) * pivot.axis)
+        vertices = self.mesh.vertices.copy()
+        vertices[pivot.vertices] = (vertices[pivot.vertices] - pivot.at) @ by.T + pivot.at
+        spots, pivots = dict(self.spots), dict(self.pivots)
+        for rider in pivot.riders:
+            carried = pivots[rider]
+            at = by @ (carried.at - pivot.at) + pivot.at
+            pivots[rider] = replace(carried, at=at)
+            if rider in spots:
+                spots[rider] = replace(spots[rider], at=spots[rider].at + at - carried.at)
+        return replace(self, mesh=replace(self.mesh, vertices=vertices), spots=spots, pivots=pivots)
 
     def thing(self) -> Thing:
         """As the renderer draws it."""
         m = self.mesh
         return Thing(self.kind, m.vertices.astype(np.float32), m.faces.astype(np.int64), m.colour.astype(np.float32),
                      m.pattern, m.gloss.astype(np.float32))  # fmt: skip
+
+
+def pivot(before: Sequence[Mesh], parts: Sequence[Mesh], at: ArrayLike, axis: ArrayLike = (1, 0, 0)) -> Pivot:
+    """A pivot of `parts`, which are joined right after the meshes `before`."""
+    first = sum(len(m.vertices) for m in before)
+    count = sum(len(m.vertices) for m in parts)
+    return Pivot(np.asarray(at, float), np.asarray(axis, float), np.arange(first, first + count))
 
 
 def _hue(rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]) -> FloatArray:

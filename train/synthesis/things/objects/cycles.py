@@ -1,12 +1,13 @@
 """Bicycles, also on rollers and trainers, and motorbikes; riders face -y."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.motions.rig import rot
-from muybridge.train.synthesis.things.built import Built, Spot, spot, surface
+from muybridge.train.synthesis.things.built import Built, Pivot, Spot, pivot, spot, surface
 from muybridge.train.synthesis.things.objects.mobility import wheel
 from muybridge.train.synthesis.things.shapes import (
     Mesh,
@@ -63,18 +64,21 @@ def bicycle(rng: np.random.Generator, fit: Fit | None = None) -> Built:
             rod(top, rear + [0.05 * s, 0, 0], 0.45 * t, paint),
             rod(head + (front - head) * 0.1 + [0.04 * s, 0, 0], front + [0.05 * s, 0, 0], 0.6 * t, paint),
         ]
-    parts += [wheel(r, tyre, (float(w[0]), float(w[1]), float(w[2])), rubber, metal, 14, rng.uniform(0, 90))
-              for w in (rear, front)]  # fmt: skip
+    pivots: dict[str, Pivot] = {}
+    for name, (x, y, z) in (("rear", rear.tolist()), ("front", front.tolist())):
+        made = wheel(r, tyre, (x, y, z), rubber, metal, 14, rng.uniform(0, 90))
+        pivots[name] = pivot(parts, [made], (x, y, z))
+        parts.append(made)
     parts.append(_saddle(saddle, rubber, 0.07 if style < 2 else 0.1))
     spots = {"saddle": spot(saddle, size=(0.12, 0.12))}
-    _cranks(rng, parts, spots, bracket, 0.172 * k, metal)
+    pivots |= _cranks(rng, parts, spots, bracket, 0.172 * k, metal)
     _handlebar(rng, parts, spots, bar, style, metal, rubber, head)
     if style == 2 and rng.random() < 0.6:
         angle = np.radians(np.linspace(-10, 120, 9))
         for w in (rear, front):
             guard = w + np.stack([0 * angle, np.cos(angle), np.sin(angle)], -1) * (r + 0.02)
             parts.append(tube(guard, 0.02, paint, 5))
-    return Built("bicycle", join(*parts), spots)
+    return Built("bicycle", join(*parts), spots, pivots)
 
 
 def _saddle(at: FloatArray, cover: Surface, half: float) -> Mesh:
@@ -84,16 +88,23 @@ def _saddle(at: FloatArray, cover: Surface, half: float) -> Mesh:
 
 def _cranks(
     rng: np.random.Generator, parts: list[Mesh], spots: dict[str, Spot], at: FloatArray, length: float, metal: Surface
-) -> None:
+) -> dict[str, Pivot]:
+    before, pivots = list(parts), dict[str, Pivot]()
     parts += [disc(0.09, 0.008, at + [-0.05, 0, 0], metal, 18, (1, 0, 0)),
               rod(at - [0.06, 0, 0], at + [0.06, 0, 0], 0.02, metal)]  # fmt: skip
     angle = rng.uniform(0, 2 * np.pi)
     for side, s in (("L", 1), ("R", -1)):
         a = angle + (np.pi if s > 0 else 0.0)
         end = at + np.array([s * 0.075, -np.cos(a) * length, np.sin(a) * length])
-        parts += [strut(tuple(at + [s * 0.06, 0, 0]), tuple(end), 0.02, 0.025, metal),
-                  box((0.09, 0.08, 0.02), end + [s * 0.055, 0, 0], surface(rng, "dark", "metal"), 0.005)]  # fmt: skip
+        pedal = box((0.09, 0.08, 0.02), end + [s * 0.055, 0, 0], surface(rng, "dark", "metal"), 0.005)
+        parts.append(strut(tuple(at + [s * 0.06, 0, 0]), tuple(end), 0.02, 0.025, metal))
+        pivots["pedal" + side] = pivot(parts, [pedal], end)
+        parts.append(pedal)
+        # The place for the foot is on the pedal, which stays level.
         spots["pedal" + side] = spot(end + [s * 0.06, 0, 0.012])
+    crank = pivot(before, parts[len(before) :], at)
+    pivots["crank"] = replace(crank, riders=("pedalL", "pedalR"))
+    return pivots
 
 
 def _handlebar(rng: np.random.Generator, parts: list[Mesh], spots: dict[str, Spot], bar: FloatArray, style: int,
@@ -143,7 +154,7 @@ def on_rollers(rng: np.random.Generator, bike: Built) -> Built:
                   disc(0.13, 0.16, (0, y + 0.28, 0.2), drum, 16, (1, 0, 0)),
                   box((0.2, 0.3, rise), (0, front + r, rise / 2), surface(rng, "dark", "plastic"))]  # fmt: skip
     lifted = bike.placed(0.0, (0, 0, rise))
-    return Built("bicycle on rollers", join(lifted.mesh, *parts), lifted.spots)
+    return Built("bicycle on rollers", join(lifted.mesh, *parts), lifted.spots, lifted.pivots)
 
 
 def motorbike(rng: np.random.Generator, saddle: float | None = None, size: float = 1.0) -> Built:

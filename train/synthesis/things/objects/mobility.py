@@ -3,7 +3,7 @@
 import numpy as np
 
 from muybridge.train.synthesis.motions.rig import rot
-from muybridge.train.synthesis.things.built import Built, spot, surface
+from muybridge.train.synthesis.things.built import Built, Pivot, pivot, spot, surface
 from muybridge.train.synthesis.things.objects.seats import back_spot, seat_spot
 from muybridge.train.synthesis.things.shapes import (
     Mesh,
@@ -55,10 +55,13 @@ def wheelchair(
     front, foot = -depth / 2 - rng.uniform(0.02, 0.22), seat - rng.uniform(0.36, 0.42)
     foot = max(foot, 0.06)
     spots = {"seat": seat_spot(seat, width, depth), "back": back_spot(depth / 2 - 0.01, seat, seat + high, width, lean)}
+    pivots: dict[str, Pivot] = {}
     for side, s in (("L", 1), ("R", -1)):
         w = wheel(r, 0.03, (0, 0, 0), tyre, frame, int(rng.integers(8, 18)))
         w = join(w, tube(_ring(r - 0.03, 0.035 * s), 0.009, frame, 5, closed=True))
-        parts.append(w.turned(rot(1, -s * camber)).moved((s * x, y, r)))
+        w = w.turned(rot(1, -s * camber)).moved((s * x, y, r))
+        pivots["wheel" + side] = pivot(parts, [w], (s * x, y, r), rot(1, -s * camber)[:, 0])
+        parts.append(w)
         parts.append(wheel(0.07, 0.03, (s * (x - 0.07), front + 0.12, 0.07), tyre, frame, 0))
         parts.append(rod((s * (x - 0.07), front + 0.14, 0.07), (s * (x - 0.05), front + 0.14, seat - 0.06), t, frame))
         parts += [rod((s * width / 2, depth / 2, seat - 0.03), (s * width / 2, -depth / 2, seat - 0.03), t, frame),
@@ -88,7 +91,7 @@ def wheelchair(
     parts.append(join(*back).turned(rot(0, -lean), (0, depth / 2, seat)))
     parts += [rod((-width / 2, y, seat - 0.06), (width / 2, y, 0.25), t, frame),
               rod((width / 2, y, seat - 0.06), (-width / 2, y, 0.25), t, frame)]  # fmt: skip
-    return Built("wheelchair", join(*parts), spots)
+    return Built("wheelchair", join(*parts), spots, pivots)
 
 
 def _ring(radius: float, x: float) -> np.ndarray:

@@ -36,15 +36,20 @@ def _grip(f: Figure, grips: dict[str, Spot], elbow: tuple[float, float, float] =
             f.hand(s, grips[s].at, axis=grips[s].axis, elbow=np.array(elbow) * [sign, 1, 1])
 
 
-def ride_bicycle(f: Figure, rollers: bool) -> Built:
-    """Put a person on a bicycle of a fitting size."""
+def fitting_bicycle(f: Figure, rollers: bool) -> Built:
+    """A bicycle of a person's size, on rollers or in a trainer if wanted."""
     rng, leg = f.rng, f.thigh + f.shank
     size = float(np.clip(f.k, 0.6, 1.08))
     fit = cycles.Fit(f.u(0.9, 0.98) * leg + 0.03 * f.k - 0.172 * size, f.u(0.38, 0.6) * f.k, f.u(-0.1, 0.2) * f.k, size)
     bike = cycles.bicycle(rng, fit)
     if rollers:
         bike = cycles.on_rollers(rng, bike)
-    tip = f.u(4, 26)
+    return bike
+
+
+def ride_bicycle(f: Figure, rollers: bool) -> Built:
+    """Put a person on a bicycle of a fitting size."""
+    bike, tip = fitting_bicycle(f, rollers), f.u(4, 26)
 
     def pedal() -> None:
         for s, sign in SIDES:

@@ -1,0 +1,5 @@
+"""People and things that move together: acted scenes, frame by frame."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

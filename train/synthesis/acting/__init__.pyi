@@ -1,0 +1,5 @@
+from .acts import ACTS as ACTS
+
+__all__ = [
+    "ACTS",
+]
