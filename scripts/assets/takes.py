@@ -49,9 +49,9 @@ class Plan:
     span: float = 3.0
 
 
-def acted(act: str, seed: int, seconds: float, height: float) -> Plan:
+def acted(act: str, seed: int, seconds: float, height: float, size: tuple[int, int] = (960, 540)) -> Plan:
     """A take of people with things, seen by four smaller cameras."""
-    return Plan((), act=act, seed=seed, seconds=seconds, height=height, size=(960, 540), distance=4.2, span=2.3)
+    return Plan((), act=act, seed=seed, seconds=seconds, height=height, size=size, distance=4.2, span=2.3)
 
 
 PLANS = {
@@ -71,8 +71,8 @@ PLANS = {
     "three": Plan(("walk", "sit", "dance"), cameras=5, seed=14, reach=1.1),
     "crowd": Plan(("walk", "walk", "stand", "squat"), cameras=6, seed=15, reach=1.2),
     "wheelchair": acted("wheelchair", 21, 4.7, 0.75),
-    "therapist": acted("therapist", 22, 4.6, 0.85),
-    "table": acted("table", 32, 4.5, 0.75),
+    "therapist": acted("therapist", 22, 4.0, 0.85, (640, 480)),
+    "table": acted("table", 32, 4.0, 0.75, (640, 480)),
     "cyclist": acted("cyclist", 24, 4.0, 0.95),
 }
 

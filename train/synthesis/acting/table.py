@@ -69,8 +69,7 @@ def two_at_table(body: BodyModel, rng: np.random.Generator, times: FloatArray) -
     one, two = Figure(body, rng, (0.6, 0.9)), Figure(body, rng, (0.6, 0.9))
     chairs, feet = zip(_seat(one, 0.0), _seat(two, _OPPOSITE), strict=True)
     high = max(thigh_top(one), thigh_top(two)) + 0.06
-    depth = 0.62
-    table = tables.table(rng, high, float(rng.uniform(1.3, 1.45)), depth)
+    table = tables.table(rng, high, float(rng.uniform(1.3, 1.45)), 0.62)
     depth, made = table.spots["top"].size[1], [table]
     edges = []
     for f, chair, y in ((one, chairs[0], 0.0), (two, chairs[1], -depth)):
@@ -86,8 +85,11 @@ def two_at_table(body: BodyModel, rng: np.random.Generator, times: FloatArray) -
     grip = _RADIUS + 0.012
     middle = np.array([-0.1, -depth / 2, high])
     start, end = middle + [-0.05, 0.5 * depth - 0.2, 0], middle + [0.02, -0.5 * depth + 0.2, 0]
-    way = between_keys((_TAKEN, (_TAKEN + _PASSED) / 2, _PASSED, _FETCHED, (_FETCHED + _HAD) / 2, _HAD),
-                       (start, (start + middle) / 2 + UP * 0.09, middle, middle, (middle + end) / 2 + UP * 0.1, end))  # fmt: skip
+    raised = [(start + middle) / 2 + UP * 0.09, (middle + end) / 2 + UP * 0.1]
+    way = between_keys(
+        (_TAKEN, (_TAKEN + _PASSED) / 2, _PASSED, _FETCHED, (_FETCHED + _HAD) / 2, _HAD),
+        (start, raised[0], middle, middle, raised[1], end),
+    )
     stage = Stage("two at a table", one, two)
     for t in times.tolist():
         at = way(t)

@@ -106,8 +106,8 @@ def sample_rig(
     span: float = 3.0,
 ) -> CameraGroup:
     """`count` cameras of `size` (width, height) px on tripods around the middle of the room, about `distance` metres
-    from it, none exactly level, all with slightly different lenses; `span` metres around the middle of the room fit into
-    the shorter side."""
+    from it, none exactly level, all with slightly different lenses; about `span` metres of the middle of the room fit
+    into the shorter side."""
     width, height = size
     cameras = []
     start = rng.uniform(0, 2 * np.pi)
