@@ -36,8 +36,8 @@ def edit(
     The first word is the file to read, the last one the file to write, in any formats; between them stand the steps,
     each with its arguments, and are done in this order. Options stand before or behind all of them.
 
-    Arguments in brackets may be left out; `name=value` says which one a value is for. Times are in seconds, or in frames
-    (`12f`); lengths in metres (`5cm`, `2mm`), those of `reduce` in millimetres; angles in degrees. The steps:
+    Arguments in brackets may be left out; `name=value` says which one a value is for. Times are in seconds, or in
+    frames (`12f`); lengths in metres (`5cm`, `2mm`), those of `reduce` in millimetres; angles in degrees. The steps:
 
     {steps}
 

@@ -18,7 +18,6 @@ from muybridge.geometry.numerics.rotations import (
     exp_so3,
     kabsch,
     log_so3,
-    matrix_from_quat,
     quat_from_matrix,
 )
 from muybridge.geometry.skeleton.motion import Motion
@@ -28,6 +27,7 @@ from muybridge.motion.editing.pairing import Sides, find_sides, pair_names
 
 Plane = Literal["start", "x", "y"]
 _SHORTEST = 1e-4  # metres of a bone that has a direction
+_START = 1.0  # seconds: about one stride
 _PARALLEL = 0.05  # sine under which bones are of one direction
 
 
@@ -161,19 +161,27 @@ def _plane_of_motion(motion: Motion, sides: Sides, images: RestImages, plane: Pl
     skeleton, body = motion.skeleton, body_joint(motion)
     if sides.partner[body] != body:
         body = 0
-    world = motion.select(slice(0, 1)).forward()[0]
+    world = motion.select(slice(0, _start_frames(motion.fps))).forward()
     fixed = body  # the joint whose place is mirrored exactly: a root, or a joint that slides on one
-    while skeleton.parents[fixed] >= 0 and not (
-        fixed in skeleton.sliding and skeleton.parents[skeleton.parents[fixed]] < 0
-    ):
-        fixed = skeleton.parents[fixed]
+    while (above := skeleton.parents[fixed]) >= 0 and not (fixed in skeleton.sliding and skeleton.parents[above] < 0):
+        fixed = above
     # Half way between the two sides, of which neither is right about the heading.
-    across = world[body, :3, :3] @ exp_so3(-0.5 * log_so3(images.turns[body][None])[0]) @ sides.normal
-    across[2] = 0.0
-    length = float(np.linalg.norm(across))
-    if length < 0.1:  # a body on its side has no left and right over the ground
-        return world[fixed, :3, 3] * (1, 1, 0), np.array([1.0, 0.0, 0.0])
-    return world[fixed, :3, 3] * (1, 1, 0), across / length
+    half = exp_so3(-0.5 * log_so3(images.turns[body][None])[0])
+    across = (world[:, body, :3, :3] @ half @ sides.normal).mean(axis=0)
+    return world[0, fixed, :3, 3] * (1, 1, 0), _level(across)
+
+
+def _start_frames(fps: float) -> int:
+    """Frames at the start over which the heading is averaged, since hips turn with each step."""
+    return max(1, round(_START * fps))
+
+
+def _level(across: FloatArray) -> FloatArray:
+    """The horizontal unit vector of a direction; x where it has none, as of a body on its side."""
+    length = float(np.hypot(across[0], across[1]))
+    if length < 0.1 * max(float(np.linalg.norm(across)), 1e-9):
+        return np.array([1.0, 0.0, 0.0])
+    return np.array([across[0], across[1], 0.0]) / length
 
 
 def _mirror_points(points: Points3D, plane: Plane) -> Points3D:
@@ -184,7 +192,7 @@ def _mirror_points(points: Points3D, plane: Plane) -> Points3D:
     partner = list(range(len(points.landmarks)))
     for a, b in pairs.items():
         partner[a], partner[b] = b, a
-    place, normal = _plane_of_points(points.points_world, pairs) if plane == "start" else (
+    place, normal = _plane_of_points(points.points_world, points.fps, pairs) if plane == "start" else (
         np.zeros(3), np.eye(3)["xy".index(plane)])  # fmt: skip
     across = _reflection(normal)
     return replace(
@@ -196,15 +204,12 @@ def _mirror_points(points: Points3D, plane: Plane) -> Points3D:
     )
 
 
-def _plane_of_points(places: FloatArray, pairs: dict[int, int]) -> tuple[FloatArray, FloatArray]:
+def _plane_of_points(places: FloatArray, fps: float, pairs: dict[int, int]) -> tuple[FloatArray, FloatArray]:
     left, right = places[:, list(pairs)], places[:, list(pairs.values())]
     known = np.isfinite(left).all(axis=-1) & np.isfinite(right).all(axis=-1)
     if not known.any():
         raise MuybridgeError("no pair of left and right points is known in any frame")
-    frame = int(np.argmax(known.sum(axis=1) >= min(3, known.sum(axis=1).max())))
-    a, b = left[frame, known[frame]], right[frame, known[frame]]
-    across = (a - b).sum(axis=0)
-    across[2] = 0.0
-    length = float(np.linalg.norm(across))
-    normal = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return 0.5 * (a + b).mean(axis=0) * (1, 1, 0), normal
+    first = int(np.argmax(known.any(axis=1)))
+    ways = np.where(known[..., None], left - right, 0.0)[first : first + _start_frames(fps)]
+    middle = 0.5 * (left[first, known[first]] + right[first, known[first]]).mean(axis=0)
+    return middle * (1, 1, 0), _level(ways.sum(axis=(0, 1)))

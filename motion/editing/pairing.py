@@ -118,7 +118,8 @@ def _normal_of_places(skeleton: Skeleton) -> FloatArray:
 
     def mismatch(axis: FloatArray) -> float:
         image = rest - 2 * np.outer((rest - rest[0]) @ axis, axis)
-        return float(np.linalg.norm(image[:, None] - rest[None], axis=-1).min(axis=1).mean())
+        away = np.linalg.norm(image[:, None] - rest[None], axis=-1).min(axis=1).mean()
+        return float(away / np.ptp(rest @ axis))  # a flat pose is nearly its own image from front to back
 
     return min(axes, key=mismatch)
 
@@ -136,20 +137,32 @@ def _distances(skeleton: Skeleton, normal: FloatArray, partner: Sequence[int]) -
 
 
 def _pairs_by_places(skeleton: Skeleton, normal: FloatArray, partner: list[int]) -> list[tuple[int, int]]:
-    """Pairs of joints without a counterpart whose parents are counterparts, each where the other's image is."""
-    rest, distance = skeleton.rest_positions, _distances(skeleton, normal, partner)
-    near, known, out = _NEAR * _size(skeleton), list(partner), []
-    children = np.bincount([p for p in skeleton.parents if p >= 0], minlength=len(skeleton))
-    for j, parent in enumerate(skeleton.parents):
-        if known[j] != j or distance[j] <= near:
+    """Pairs of joints without a counterpart, from the roots down: of the children of two counterparts, or of one joint
+    in the middle, those that are each other's mirror images as seen from there."""
+    known, out = list(partner), []
+    above, rest = skeleton.is_ancestor.astype(np.float64), skeleton.rest_positions
+    below = above.sum(axis=1)
+    starts = np.stack([rest[p] if p >= 0 else rest[0] for p in skeleton.parents])
+    # Where a joint is, and the middle of all that hangs on it: bones without length say nothing by themselves.
+    places = np.stack([rest - starts, above @ rest / below[:, None] - starts], axis=1)
+    images = places - 2 * (places @ normal)[..., None] * normal
+    tolerance = _NEAR * _size(skeleton)
+    for j in range(-1, len(skeleton)):
+        other = known[j] if j >= 0 else -1
+        if other < j:
             continue
-        image = rest[j] - 2 * distance[j] * normal
-        above = known[parent] if parent >= 0 else -1
-        others = [k for k, p in enumerate(skeleton.parents)
-                  if p == above and known[k] == k and k != j and children[k] == children[j]]  # fmt: skip
-        gaps = [float(np.linalg.norm(rest[k] - image)) for k in others]
-        if gaps and min(gaps) < 2 * near:
-            k = others[int(np.argmin(gaps))]
-            known[j], known[k] = k, j
-            out.append((j, k))
+        mine, theirs = ([k for k, p in enumerate(skeleton.parents) if p == side and k > 0 and known[k] == k]
+                        for side in (j, other))  # fmt: skip
+        gaps = sorted(
+            (float(np.linalg.norm(images[a] - places[b], axis=-1).sum()), a, b)
+            for a in mine for b in theirs if below[a] == below[b] and (j != other or a <= b)
+        )  # fmt: skip
+        taken: set[int] = set()
+        for gap, a, b in gaps:
+            if {a, b} & taken or gap > max(tolerance, 0.3 * float(np.linalg.norm(places[a], axis=-1).sum())):
+                continue
+            taken |= {a, b}
+            if a != b:
+                known[a], known[b] = b, a
+                out.append((a, b) if places[a].sum(axis=0) @ normal >= 0 else (b, a))
     return out

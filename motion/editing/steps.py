@@ -149,7 +149,8 @@ def _root_motion(take: Take, name: str | None, smoothing: float, turning: str) -
 
 def _of_path(path: root_path.GroundPath) -> str:
     length = float(np.linalg.norm(np.diff(path.places, axis=0), axis=1).sum())
-    return f"a path of {length:.2f} m with a turn of {np.degrees(path.yaw[-1] - path.yaw[0]):.0f} degrees is"
+    turned = round(float(np.degrees(path.yaw[-1] - path.yaw[0])))
+    return f"a path of {length:.2f} m with a turn of {turned} degrees is"
 
 
 def _turn(take: Take, angle: float, about: placing.About) -> tuple[Take, str]:
@@ -262,8 +263,9 @@ def parse_steps(words: Sequence[str]) -> tuple[Call, ...]:
         try:
             calls.append(Call(STEPS[name], bind(STEPS[name].parameters, rest), (name, *rest)))
         except MuybridgeError as error:
-            stray = next((w for w in rest if _nearest(w) and w.isidentifier()), None)
-            hint = f" (if {stray!r} is meant as a step{_nearest(stray)})" if stray else ""
+            # A word that looks like the next step's name explains more than that it is no argument.
+            near = [m for w in rest for m in difflib.get_close_matches(w.lower(), STEPS, n=1, cutoff=0.75)]
+            hint = f"; if a step was meant, it is {near[0]!r}" if near else ""
             raise error.reworded(f"step {k}, {name}: {error.message}{hint}") from error
     return tuple(calls)
 
