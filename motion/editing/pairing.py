@@ -23,7 +23,7 @@ _BOTH = _WORDS | {right: left for left, right in _WORDS.items()}
 _PATTERNS = (
     re.compile(r"left|right|Left|Right|LEFT|RIGHT"),
     re.compile(r"(?:(?<=[^A-Za-z])|^)[lrLR](?=[^A-Za-z]|$)"),
-    re.compile(r"(?:(?<=[:|])|^)[lrLR](?=[A-Za-z])"),
+    re.compile(r"(?:(?<=[:|])|^(?!.*[:|]))[lrLR](?=[A-Za-z])"),
     re.compile(r"(?<=[a-z0-9])[LR](?=$|[^a-z])"),
 )
 

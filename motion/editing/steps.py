@@ -294,10 +294,13 @@ def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:
         label = f"step {k}, {' '.join(call.words)}"
         if take.motion is None and not call.step.points:
             raise MuybridgeError(f"{label}: needs a motion, not points", remedy="fit_points")
+        before = take.c3d
         try:
             take, note = call.step.apply(take, **resolved(call.values, _of(take).fps))
         except MuybridgeError as error:
             raise error.about(label) from error
         thing = _of(take)
+        if before is not None and take.c3d is None and (before.events or before.analog or before.force_platforms):
+            note += "; events, analog channels and force plates of the C3D are left out"
         notes.append(f"{label}: {note} ({frame_count(thing)} frames, {duration(thing):.3f} s)")
     return take, notes
