@@ -125,10 +125,10 @@ def body_joint(motion: Motion) -> int:
         return hips
     still = np.ptp(motion.root_positions_world, axis=0).max() < 1e-4 if len(motion) else False
     if motion.translations is not None and still:
-        moves = np.ptp(motion.translations, axis=0).max(axis=1)
-        below = [k for k, j in enumerate(skeleton.sliding) if skeleton.parents[j] == 0]
-        if below and moves[below].max() > 1e-2:
-            return skeleton.sliding[below[int(np.argmax(moves[below]))]]
+        moves = np.ptp(motion.translations, axis=0).max(axis=1) > 1e-2
+        below = [j for j, moving in zip(skeleton.sliding, moves, strict=True) if moving and skeleton.parents[j] == 0]
+        if below:  # the one that carries most, rather than a handle
+            return max(below, key=lambda j: int(skeleton.is_ancestor[j].sum()))
     return 0
 
 

@@ -139,7 +139,8 @@ def kept_way(motion: Motion, travel: Travel = "auto") -> GroundPath:
     exact = ground_path(motion, smoothing=0.0)
     share = np.linspace(0, 1, len(motion))
     first, last = exact.places[0], exact.places[-1]
-    angle = float(exact.yaw[-1] - exact.yaw[0])
+    # Whole turns come back by themselves; as part of the way they would be an arc about a centre far away.
+    angle = float(np.angle(np.exp(1j * (exact.yaw[-1] - exact.yaw[0]))))
     size = float(np.ptp(motion.skeleton.rest_positions, axis=0).max())
     goes = travel == "keep" or (travel == "auto" and float(np.linalg.norm(last - first)) > _GOES * size)
     turns = travel != "close" and abs(angle) > _TURNS

@@ -19,7 +19,8 @@ from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.editing.channels import check_editable
 from muybridge.motion.take import Keys
 
-_SHARES = tuple(0.8**k for k in range(22))  # of the tolerance that one joint may use
+_SHARES = tuple(0.7**k for k in range(14))  # of the tolerance that one joint may use
+_HALVINGS = 3  # of the step between two shares
 _FINEST = 0.5 * _SHARES[-1]
 _Between = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _Error = Callable[[FloatArray, FloatArray], FloatArray]
@@ -61,15 +62,30 @@ def reduce_keys(motion: Motion, tolerance: float = 1e-3, angle: float = np.radia
     weight_p = _weights(places, _straight, lambda a, b: np.linalg.norm(a - b, axis=-1) / tolerance)
     weight_q = _weights(motion.quat_wxyz, _even, lambda a, b: _angles(a, b) * lever)
     before = motion.joint_positions_world()
-    for share in (*_SHARES, 0.0):
+
+    def reduced(share: float) -> Reduced:
         keys_p, keys_q = (w > share if share else np.ones_like(w, dtype=np.bool_) for w in (weight_p, weight_q))
         moved, turned = _between_keys(places, keys_p, _straight), _between_keys(motion.quat_wxyz, keys_q, _even)
         out = replace(motion, root_positions_world=moved[:, 0], quat_wxyz=turned,
                       translations=None if motion.translations is None else moved[:, 1:])  # fmt: skip
         error = float(np.linalg.norm(out.joint_positions_world() - before, axis=-1).max())
-        if error <= tolerance:
+        return Reduced(out, Keys(keys_q, keys_p), error)
+
+    low, best = 0.0, None
+    for share in _SHARES:
+        if (found := reduced(share)).error <= tolerance:
+            low, best = share, found
             break
-    return Reduced(out, Keys(keys_q, keys_p), error)
+    if best is None:
+        return reduced(0.0)
+    high = min(low / _SHARES[1], 1.0)
+    for _ in range(_HALVINGS if high > low else 0):
+        middle = 0.5 * (low + high)
+        if (found := reduced(middle)).error <= tolerance:
+            low, best = middle, found
+        else:
+            high = middle
+    return best
 
 
 def _reach(skeleton: Skeleton) -> FloatArray:

@@ -16,6 +16,8 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.geometry.smoothing.filters import METHODS
+from muybridge.motion.contacts.footskate import contact_spans
+from muybridge.motion.contacts.planting import plant_feet
 from muybridge.motion.editing import cutting, filtering, looping, naming, placing, reducing, resampling, root_path
 from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, resolved
 from muybridge.motion.editing.channels import check_editable, duration, frame_count
@@ -168,6 +170,20 @@ def _floor(take: Take, height: float) -> tuple[Take, str]:
     return _edited(take, placing.put_on_floor, height), f"moved {'up' if lift >= 0 else 'down'} by {abs(lift):.3f} m"
 
 
+def _plant(take: Take) -> tuple[Take, str]:
+    motion = _motion(take)
+    try:
+        planted = plant_feet(motion)
+    except ValueError as error:  # legs that are not known
+        raise MuybridgeError(str(error)) from error
+    count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
+    note = (f"{count} contacts of heels and balls stand still; ankles are moved by at most "
+            f"{planted.moved_feet_m * 1e3:.0f} mm, the root by {planted.moved_root_m * 1e3:.0f} mm")  # fmt: skip
+    if planted.stretched > 1e-3:
+        note += f"; legs are stretched by up to {planted.stretched:.1%}"
+    return replace(take, motion=planted.motion, keys=None), note
+
+
 def _smooth(take: Take, cutoff: float | None, method: str) -> tuple[Take, str]:
     if method == "butterworth" and cutoff is None:
         cutoff = filtering.cutoff_of(_of(take))
@@ -229,6 +245,7 @@ STEPS: dict[str, Step] = {step.name: step for step in (
                   choices=("here", "origin"))), points=True),
     Step("floor", "move up or down until the lowest point is at a height", _floor, (
         Parameter("height", "length", "metres of the lowest joint, bone end or point (0)", 0.0),), points=True),
+    Step("plant", "hold heels and balls of the feet still while they stand", _plant),
     Step("smooth", "filter over time, without delay", _smooth, (
         Parameter("cutoff", "frequency", "Hz, of butterworth (found by residual analysis)"),
         Parameter("method", "name", "the filter (butterworth)", "butterworth", choices=tuple(METHODS))), points=True),

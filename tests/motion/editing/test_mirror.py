@@ -12,12 +12,25 @@ from muybridge.motion.editing import find_sides, mirror, pair_names
 from tests.motion.editing.clips import own_axes, points, uneven, walk, with_root_bone
 
 
-@pytest.mark.parametrize(("left", "right"), [
-    ("LeftArm", "RightArm"), ("left_arm", "right_arm"), ("mixamorig:LeftArm", "mixamorig:RightArm"),
-    ("upperarm_l", "upperarm_r"), ("arm.L", "arm.R"), ("J_Bip_L_Hand", "J_Bip_R_Hand"), ("Bip01 L Thigh", "Bip01 R Thigh"),
-    ("lfemur", "rfemur"), ("LSHO", "RSHO"), ("rig|LElb", "rig|RElb"), ("armL", "armR"), ("hand.l.001", "hand.r.001"),
-    ("Arm_Left_2", "Arm_Right_2"), ("L1Toe", "R1Toe"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ("LeftArm", "RightArm"),
+        ("left_arm", "right_arm"),
+        ("mixamorig:LeftArm", "mixamorig:RightArm"),
+        ("upperarm_l", "upperarm_r"),
+        ("arm.L", "arm.R"),
+        ("J_Bip_L_Hand", "J_Bip_R_Hand"),
+        ("Bip01 L Thigh", "Bip01 R Thigh"),
+        ("lfemur", "rfemur"),
+        ("LSHO", "RSHO"),
+        ("rig|LElb", "rig|RElb"),
+        ("armL", "armR"),
+        ("hand.l.001", "hand.r.001"),
+        ("Arm_Left_2", "Arm_Right_2"),
+        ("L1Toe", "R1Toe"),
+    ],
+)
 def test_names_of_many_programs_are_paired(left: str, right: str) -> None:
     assert pair_names(["Hips", right, left]) == {2: 1}
 

@@ -15,7 +15,7 @@ from tests.motion.editing.clips import CLIPS, FPS, points, walk
 
 # Each step with arguments that can be done with the walk.
 EXAMPLES = {
-    "trim": "0.5 2", "resample": "30", "mirror": "", "loop": "0.5 1.6", "in-place": "", "root-motion": "", "turn": "90",
+    "trim": "0.5 1.5", "resample": "30", "mirror": "", "loop": "0.5 1.6", "in-place": "", "root-motion": "", "turn": "90",
     "move": "1 0 5cm", "floor": "", "plant": "", "smooth": "6", "reduce": "2", "rename": "mixamo", "scale": "120%",
 }  # fmt: skip
 
@@ -44,15 +44,28 @@ def test_units_follow_numbers() -> None:
     assert found[6][1] == {"smoothing": 0.3, "turning": "remove"}
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("", "no step to do; the steps are trim"), ("trimm 0 1", "did you mean 'trim'"), ("in_place", "did you mean 'in-place'"),
-    ("trim", r"step 1, trim: start is missing: it takes START \[END\]"), ("trim 0 1 2", "'2' is one argument too many"),
-    ("mirror trim 0 x", "step 2, trim: end is a number in seconds"), ("trim 0 1 mirorr", "if a step was meant, it is 'mirror'"),
-    ("trim 0 5deg", "end is a number in seconds"), ("scale 2m", "factor is a number"), ("move 1e999", "too large"),
-    ("rename mixmo", "did you mean 'mixamo'"), ("turn 90 about=start about=start", "given twice"), ("loop keep keep", "not 'keep'|too many"),
-    ("turn 90 abuot=start", "did you mean 'about'"), ("smooth gausian", "did you mean 'gaussian'"), ("resample nan", "not 'nan'"),
-    ("mirror z", "plane is start, x or y"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no step to do; the steps are trim"),
+        ("trimm 0 1", "did you mean 'trim'"),
+        ("in_place", "did you mean 'in-place'"),
+        ("trim", r"step 1, trim: start is missing: it takes START \[END\]"),
+        ("trim 0 1 2", "'2' is one argument too many"),
+        ("mirror trim 0 x", "step 2, trim: end is a number in seconds"),
+        ("trim 0 1 mirorr", "if a step was meant, it is 'mirror'"),
+        ("trim 0 5deg", "end is a number in seconds"),
+        ("scale 2m", "factor is a number"),
+        ("move 1e999", "too large"),
+        ("rename mixmo", "did you mean 'mixamo'"),
+        ("turn 90 about=start about=start", "given twice"),
+        ("loop keep keep", "not 'keep'|too many"),
+        ("turn 90 abuot=start", "did you mean 'about'"),
+        ("smooth gausian", "did you mean 'gaussian'"),
+        ("resample nan", "not 'nan'"),
+        ("mirror z", "plane is start, x or y"),
+    ],
+)
 def test_words_that_are_no_steps(text: str, words: str) -> None:
     with pytest.raises(MuybridgeError, match=words) as caught:
         parse_steps(text.split())
@@ -62,7 +75,7 @@ def test_words_that_are_no_steps(text: str, words: str) -> None:
 @pytest.mark.parametrize("step", STEPS.values(), ids=list(STEPS))
 @pytest.mark.parametrize("clip", CLIPS)
 def test_every_step_on_every_skeleton(step: Step, clip: str) -> None:
-    motion = CLIPS[clip]()
+    motion = CLIPS[clip]().select(slice(0, 100))
     take, notes = edit_take(Take(motion=motion), parse_steps([step.name, *EXAMPLES[step.name].split()]))
     assert take.motion is not None and take.motion is not motion
     assert np.isfinite(take.motion.joint_positions_world()).all()
