@@ -40,7 +40,7 @@ class ContactOptions:
     floor: Floor | None = None
     slope: bool = False
     enter: float = 0.5
-    leave: float = 0.3
+    leave: float = 0.4
     shortest: float = 0.06
     height: float = 0.045
     creep: float = 0.025

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from muybridge.arrays import FloatArray
 
 # Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise; Student's t of NU.
-_HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.06, 0.008
+_HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.055, 0.008
 _NU = 12.0
 SHIFT_S = 0.1  # seconds over which a foot that creeps shows
 # Swinging: heights from the floor up, and velocity a coordinate, by a mixture of slow and fast.
@@ -24,7 +24,7 @@ _BELOW_M = 0.004  # how far under the floor a swinging point may be, besides noi
 # Mean durations, seconds.
 _STANCE_S, _SWING_S = 0.8, 0.4
 # Noise of positions, metres, and how fast it changes: velocity over position, 1/s, of the demo's landmarks.
-LADDER_M = (0.0, 0.003, 0.006, 0.009, 0.013)
+LADDER_M = (0.0, 0.003, 0.006, 0.009)
 NOISE_RATE = 9.0
 
 
