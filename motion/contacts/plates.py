@@ -64,7 +64,9 @@ def plate_loads(take: C3DTake) -> tuple[PlateLoad, ...]:
         columns = [] if vertical is None else channels[vertical, k].astype(int) - 1
         if not len(columns) or min(columns) < 0 or max(columns) >= analog.values.shape[1]:
             continue
-        force = _force_at_frames(analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world))
+        force = _force_at_frames(
+            analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world)
+        )
         out.append(PlateLoad(corners[:, :, k].T / 1e3, force))
     return tuple(out)
 

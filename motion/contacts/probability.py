@@ -12,7 +12,8 @@ from scipy.special import logsumexp
 
 from muybridge.arrays import FloatArray
 
-# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise; Student's t of NU.
+# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise. Speed
+# and way are Student's t of NU.
 _HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.055, 0.008
 _NU = 12.0
 SHIFT_S = 0.1  # seconds over which a foot that creeps shows
@@ -41,7 +42,7 @@ def standing_probability(
         fps: frames per second.
         size: of the body against an adult's.
     """
-    given = np.isfinite(sigma).mean() > 0.5
+    given = bool(sigma.size) and np.isfinite(sigma).mean() > 0.5
     ladder = (float(np.nanmedian(sigma)),) if given else tuple(n * size for n in LADDER_M)
     best, likelihood, noise = np.zeros(heights.shape), -np.inf, 0.0
     for level in ladder:

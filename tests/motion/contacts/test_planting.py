@@ -14,7 +14,7 @@ from muybridge.motion.contacts.blending import blend
 from muybridge.motion.contacts.feet import feet_of_motion
 from muybridge.motion.contacts.find import Contacts
 from muybridge.motion.contacts.floor import Floor
-from muybridge.motion.contacts.planting import plant_feet
+from muybridge.motion.contacts.planting import Planted, plant_feet
 
 FPS, FRAMES = 60.0, 240
 
@@ -34,8 +34,8 @@ def standing(noise: float = 0.0, heel_up_deg: float = 0.0) -> tuple[Motion, np.n
     for side, lift in (("left", swing), ("right", 0 * swing)):
         rolled = np.radians(heel_up_deg) * roll * (side == "left")
         for part, angle in (("thigh", -0.25 - 0.6 * lift), ("shin", 0.5 + 0.9 * lift), ("foot", -0.25 + rolled)):
-            turns[:, skeleton.index(f"{side}_{part}")] = exp_so3(angle[:, None] * np.array([1.0, 0, 0]) if np.ndim(angle)
-                                                                 else np.tile([angle, 0, 0], (FRAMES, 1)))  # fmt: skip
+            about_x = np.broadcast_to(angle, FRAMES)[:, None] * np.array([1.0, 0, 0])
+            turns[:, skeleton.index(f"{side}_{part}")] = exp_so3(about_x)
     motion = Motion(skeleton, FPS, np.tile([0.0, 0.0, 0.9], (FRAMES, 1)), continuous_quat(quat_from_matrix(turns)))
     low = feet_of_motion(motion).places[0, 1, 1, 2]
     motion = replace(motion, root_positions_world=motion.root_positions_world - [0, 0, low - 0.02])
@@ -57,7 +57,7 @@ def standing(noise: float = 0.0, heel_up_deg: float = 0.0) -> tuple[Motion, np.n
     return (shaken if noise else motion), stands
 
 
-def plant(motion: Motion, stands: np.ndarray):
+def plant(motion: Motion, stands: np.ndarray) -> Planted:
     return plant_feet(motion, Contacts.of_feet(stands, FPS, Floor(), np.full((2, 2), 0.02)))
 
 
