@@ -83,8 +83,8 @@ def _force_at_frames(samples: FloatArray, per_frame: float, frames: int) -> Floa
 def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> tuple[BoolArray, BoolArray]:
     """(T, 2, 2) which heels and balls a plate shows to stand, and which it shows not to.
 
-    A foot over the plate does not stand while the plate is unloaded. While it is loaded, the foot over it stands, the more
-    probable of two, on whichever of its points is the more probable.
+    A foot over the plate does not stand while the plate is unloaded. While it is loaded, the foot over it stands, the
+    more probable of two, on whichever of its points is the more probable.
 
     Args:
         probability: (T, 2, 2)
