@@ -53,7 +53,7 @@ def duration(thing: Editable) -> float:
 def select_frames(thing: T, frames: Any) -> T:
     """Some frames: whatever indexes an array's first axis and keeps it (a slice, a mask, indices)."""
     if isinstance(thing, Motion):
-        return cast(T, thing.select(frames))
+        return cast(T, thing.select(frames))  # type: ignore[redundant-cast]
     return replace(
         thing,
         points_world=thing.points_world[frames],
@@ -98,7 +98,7 @@ def placed(thing: T, yaw: FloatArray | float, shift: FloatArray) -> T:
     if isinstance(thing, Motion):
         places, quat = roots_of(thing)
         moved = (matrix @ places[..., None])[..., 0] + shift
-        return cast(T, with_roots(thing, moved, multiply_quat(turn[..., None, :], quat)))
+        return cast(T, with_roots(thing, moved, multiply_quat(turn[..., None, :], quat)))  # type: ignore[redundant-cast]
     return replace(
         thing,
         points_world=(matrix @ thing.points_world[..., None])[..., 0] + shift,

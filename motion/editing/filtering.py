@@ -44,7 +44,7 @@ def smooth(thing: T, cutoff: float | None = None, method: str = "butterworth") -
         cutoff = cutoff_of(thing)
     options = FilterOptions(cutoff_hz=cutoff)
     if isinstance(thing, Points3D):
-        return cast(T, _smooth_points(thing, method, options))
+        return cast(T, _smooth_points(thing, method, options))  # type: ignore[redundant-cast]
     fps = thing.fps
     return per_channel(
         thing,

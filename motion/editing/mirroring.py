@@ -62,7 +62,7 @@ def mirror(thing: T, plane: Plane = "start") -> T:
         MuybridgeError: the skeleton or the names have no two sides, or the clip is empty.
     """
     check_editable(thing)
-    return cast(T, _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane))
+    return cast(T, _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane))  # type: ignore[redundant-cast]
 
 
 def rest_images(skeleton: Skeleton, sides: Sides) -> RestImages:

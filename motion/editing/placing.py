@@ -94,8 +94,8 @@ def scale(thing: T, factor: float) -> T:
     if not 0 < factor < np.inf:
         raise MuybridgeError(f"the factor must be above zero, not {factor:g}")
     if isinstance(thing, Points3D):
-        return cast(T, _scaled_points(thing, factor))
-    return cast(T, _scaled_motion(thing, factor))
+        return cast(T, _scaled_points(thing, factor))  # type: ignore[redundant-cast]
+    return cast(T, _scaled_motion(thing, factor))  # type: ignore[redundant-cast]
 
 
 def _scaled_points(points: Points3D, factor: float) -> Points3D:

@@ -44,7 +44,7 @@ def resample(thing: T, fps: float) -> T:
     share = np.asarray(at - before, dtype=np.float64)
     if isinstance(thing, Motion):
         moved = per_channel(thing, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
-        return cast(T, replace(moved, fps=fps))
+        return cast(T, replace(moved, fps=fps))  # type: ignore[redundant-cast]
     return _points(thing, fps, before, share)
 
 
