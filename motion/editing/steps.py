@@ -179,8 +179,6 @@ def _plant(take: Take) -> tuple[Take, str]:
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
     note = (f"{count} contacts of heels and balls stand still; ankles are moved by at most "
             f"{planted.moved_feet_m * 1e3:.0f} mm, the root by {planted.moved_root_m * 1e3:.0f} mm")  # fmt: skip
-    if planted.stretched > 1e-3:
-        note += f"; legs are stretched by up to {planted.stretched:.1%}"
     return replace(take, motion=planted.motion, keys=None), note
 
 
