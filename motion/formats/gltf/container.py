@@ -22,7 +22,7 @@ FLOAT, UNSIGNED_BYTE, UNSIGNED_SHORT = 5126, 5121, 5123
 ARRAY_BUFFER = 34962
 # Values that a sparse accessor without values of its own may start from, which are zeros.
 _MOST_ABSENT = 2**24
-_MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+GLB_HEAD, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _KINDS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
@@ -72,12 +72,20 @@ def pack_glb(document: dict[str, Any], data: bytes) -> bytes:
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
     text += b" " * (-len(text) % 4)
     data = data + b"\0" * (-len(data) % 4)
-    head = struct.pack("<III", _MAGIC, 2, 12 + 8 + len(text) + 8 + len(data))
-    return head + struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(data), _BIN) + data
+    head = struct.pack("<III", GLB_HEAD, 2, 12 + 8 + len(text) + 8 + len(data))
+    return head + struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", len(data), BINARY_CHUNK) + data
 
 
 class Document:
-    """The contents of a glTF file: its JSON, and its accessors as arrays."""
+    """The contents of a glTF file: its JSON, and its accessors as arrays.
+
+    Attributes:
+        path: the file.
+        text: its JSON as it is spelled.
+        json: the same, read.
+        binary: the binary chunk of a GLB; None where there is none.
+        chunks: kind and contents of all chunks of a GLB; empty of any other file.
+    """
 
     def __init__(self, path: Path) -> None:
         """Read a `.glb`, or a `.gltf` with the files it names; called within `parsing`.
@@ -87,9 +95,11 @@ class Document:
         """
         self.path = path
         data = path.read_bytes()
-        self._binary: bytes | None = None
+        self.binary: bytes | None = None
+        self.chunks: list[tuple[int, bytes]] = []
         text = self._unpack(data) if data[:4] == b"glTF" else data
-        self.json: Any = json.loads(text.decode("utf-8-sig"))
+        self.text = text.decode("utf-8-sig")
+        self.json: Any = json.loads(self.text)
         if not isinstance(self.json, dict) or not str(self.json["asset"]["version"]).startswith("2."):
             raise self.error("is not glTF 2.0")
         self._buffers: dict[int, bytes] = {}
@@ -109,10 +119,11 @@ class Document:
             chunk = data[at + 8 : at + 8 + size]
             if len(chunk) != size:
                 raise self.error("ends within a chunk")
-            if kind == _JSON and not text:
+            if kind == JSON_CHUNK and not text:
                 text = chunk
-            elif kind == _BIN and self._binary is None:
-                self._binary = chunk
+            elif kind == BINARY_CHUNK and self.binary is None:
+                self.binary = chunk
+            self.chunks.append((kind, chunk))
             at += 8 + size
         return text
 
@@ -120,9 +131,9 @@ class Document:
         if index not in self._buffers:
             uri = self.json["buffers"][index].get("uri")
             if uri is None:
-                if self._binary is None or index != 0:
+                if self.binary is None or index != 0:
                     raise self.error(f"buffer {index} has no data")
-                self._buffers[index] = self._binary
+                self._buffers[index] = self.binary
             elif uri.startswith("data:"):
                 try:
                     self._buffers[index] = base64.b64decode(uri.partition(",")[2], validate=True)

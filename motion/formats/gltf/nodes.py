@@ -11,6 +11,12 @@ from muybridge.motion.formats.gltf.container import Document
 
 _EVEN = 1e-3  # relative difference of a node's scales that counts as none
 
+# Thumbs have the same three bones in VRM 0 and 1, under names that differ by one.
+_THUMBS_OF_VRM_0 = {
+    f"{side}Thumb{old}": f"{side}Thumb{new}"
+    for side in ("left", "right") for old, new in (("Proximal", "Metacarpal"), ("Intermediate", "Proximal"))
+}  # fmt: skip
+
 
 @dataclass
 class Node:
@@ -141,7 +147,7 @@ def choose_joints(document: Document, nodes: list[Node]) -> JointChoice:
     skins = document.json.get("skins") or []
     if skins:
         return _of_skins(document, nodes, skins)
-    chosen = _humanoid(document.json.get("extensions") or {}) or _animated(document.json.get("animations") or [])
+    chosen = set(humanoid_bones(document.json.get("extensions") or {}).values()) or _animated(document.json.get("animations") or [])
     chosen = {n for n in chosen if 0 <= n < len(nodes)}
     if not chosen:
         raise document.error("holds no skin, no VRM humanoid and no animated node, so no skeleton")
@@ -184,15 +190,19 @@ def _with_nodes_between(nodes: list[Node], chosen: set[int]) -> list[int]:
     return sorted(wanted, key=lambda n: (len(path_to(nodes, n)), n))
 
 
-def _humanoid(extensions: dict[str, Any]) -> set[int]:
-    """Nodes of a VRM humanoid: VRM 1.0, its animations, or VRM 0.x."""
+def humanoid_bones(extensions: dict[str, Any]) -> dict[str, int]:
+    """Nodes of a VRM humanoid by the names of VRM 1.0's bones: VRM 1.0, its animations, or VRM 0.x."""
     for name in ("VRMC_vrm", "VRMC_vrm_animation", "VRM"):
         bones = (extensions.get(name) or {}).get("humanoid", {}).get("humanBones", {})
-        entries = bones.values() if isinstance(bones, dict) else bones
-        found = {entry["node"] for entry in entries if isinstance(entry.get("node"), int)}
+        if isinstance(bones, dict):
+            found = {str(bone): entry.get("node") for bone, entry in bones.items()}
+        else:
+            found = {_THUMBS_OF_VRM_0.get(str(entry.get("bone")), str(entry.get("bone"))): entry.get("node")
+                     for entry in bones}  # fmt: skip
+        found = {bone: n for bone, n in found.items() if isinstance(n, int)}
         if found:
             return found
-    return set()
+    return {}
 
 
 def _animated(animations: list[dict[str, Any]]) -> set[int]:
