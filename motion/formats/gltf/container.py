@@ -162,7 +162,9 @@ class Document:
             try:
                 whole = decode_meshopt(data, *sizes, str(packed["mode"]), str(packed.get("filter", "NONE")))
             except (ValueError, IndexError) as error:
-                raise self.error(f"the compressed buffer view {index} cannot be read ({error})", "plain_gltf") from error
+                raise self.error(
+                    f"the compressed buffer view {index} cannot be read ({error})", "plain_gltf"
+                ) from error
             self._unpacked[index] = whole
         return self._unpacked[index]
 
@@ -192,7 +194,9 @@ class Document:
             raise self.error(f"accessor {index} holds nothing")
         if "bufferView" in accessor:
             start = int(accessor.get("byteOffset", 0))
-            values = self._values(accessor["bufferView"], start, count, (dtype, width), f"accessor {index}").astype(float)
+            values = self._values(accessor["bufferView"], start, count, (dtype, width), f"accessor {index}").astype(
+                float
+            )
         else:
             values = np.zeros((count, width))
         if sparse is not None:

@@ -86,10 +86,8 @@ class JsonText:
 
     def _last(self, at: int) -> int:
         """Where the last member of an object or array ends, or what could be its first would begin."""
-        end = at + 1
-        for *_, end in self._members(at):
-            pass
-        return end
+        ends = [end for *_, end in self._members(at)]
+        return ends[-1] if ends else at + 1
 
     def _space(self, at: int) -> int:
         found = _SPACE.match(self.text, at)

@@ -147,7 +147,9 @@ def choose_joints(document: Document, nodes: list[Node]) -> JointChoice:
     skins = document.json.get("skins") or []
     if skins:
         return _of_skins(document, nodes, skins)
-    chosen = set(humanoid_bones(document.json.get("extensions") or {}).values()) or _animated(document.json.get("animations") or [])
+    chosen = set(humanoid_bones(document.json.get("extensions") or {}).values()) or _animated(
+        document.json.get("animations") or []
+    )
     chosen = {n for n in chosen if 0 <= n < len(nodes)}
     if not chosen:
         raise document.error("holds no skin, no VRM humanoid and no animated node, so no skeleton")
