@@ -7,10 +7,12 @@ import numpy as np
 
 from muybridge.errors import FormatError, parsing
 from muybridge.motion.character.character import Character
+from muybridge.motion.character.fbx_character import read_fbx_character
 from muybridge.motion.character.gltf_character import read_gltf_character
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 
+_KINDS = (("a glTF 2.0 file", "export_gltf"), ("a binary FBX", "export_fbx"))
 _GLTF = (".glb", ".gltf", ".vrm", ".vrma")
 
 
@@ -28,10 +30,11 @@ def read_character(path: Path, clip: Clip = None) -> Character:
     """
     path = Path(path)
     readers: dict[str, Callable[[Path, Clip], Character]] = dict.fromkeys(_GLTF, read_gltf_character)
+    readers[".fbx"] = read_fbx_character
     reader = readers.get(path.suffix.lower())
     if reader is None or not path.is_file():
         return _of_motion(path, clip)
-    with parsing(path, FormatError, "a file of a character", "export_gltf"):
+    with parsing(path, FormatError, *_KINDS[reader is read_fbx_character]):
         return reader(path, clip)
 
 

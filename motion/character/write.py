@@ -8,6 +8,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.character.character import Character
+from muybridge.motion.character.fbx_character import FbxSource, write_fbx_character_clip
 from muybridge.motion.character.gltf_character import rest_linear
 from muybridge.motion.formats.gltf.append import node_tracks, write_gltf_clip
 from muybridge.motion.formats.gltf.rig import Rig
@@ -41,7 +42,9 @@ def write_character_clip(character: Character, motion: Motion, path: Path, name:
         in_scene = BVH_FROM_WORLD @ turns @ BVH_FROM_WORLD.T
         tracks = node_tracks(rig, rest_linear(rig), in_scene, places @ BVH_FROM_WORLD.T)
         return write_gltf_clip(rig, tracks, motion.fps, path, name)
-    raise FormatError(f"{path}: {path.suffix} cannot hold one more clip; valid are .glb, .gltf and .vrm")
+    if isinstance(rig, FbxSource):
+        return write_fbx_character_clip(rig, motion, path, name)
+    raise FormatError(f"{path}: {path.suffix} cannot hold one more clip; valid are .glb, .gltf, .vrm and .fbx")
 
 
 def _check(character: Character, motion: Motion, path: Path, name: str) -> None:
