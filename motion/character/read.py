@@ -1,6 +1,7 @@
 """Reading characters of all formats."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,18 @@ from muybridge.motion.character.fbx_character import read_fbx_character
 from muybridge.motion.character.gltf_character import read_gltf_character
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
+from muybridge.motion.formats.skeletal.bvh import metres_per_unit_of, read_bvh
 
 _KINDS = (("a glTF 2.0 file", "export_gltf"), ("a binary FBX", "export_fbx"))
 _GLTF = (".glb", ".gltf", ".vrm", ".vrma")
+
+
+@dataclass(frozen=True)
+class BvhSource:
+    """What writing needs of a BVH: its text, and the metres that a unit is."""
+
+    text: str
+    metres: float
 
 
 def read_character(path: Path, clip: Clip = None) -> Character:
@@ -42,5 +52,8 @@ def _of_motion(path: Path, clip: Clip) -> Character:
     take = read_file(path, ReadOptions(clip=clip if can_use(path, "clip") else None))
     if take.motion is None:
         raise FormatError(f"{path}: holds points, no skeleton", remedy="fit_points")
-    motion = take.motion
-    return Character(path, motion.skeleton, np.zeros(3), motion, notices=take.notices)
+    skeleton, source = take.motion.skeleton, None
+    if path.suffix.lower() == ".bvh":
+        source = BvhSource(path.read_bytes().decode("utf-8-sig"), metres_per_unit_of(path, read_bvh(path))[0])
+    skeleton = replace(skeleton, sliding=tuple(j for j in skeleton.sliding if skeleton.parents[j] < 0))
+    return Character(path, skeleton, np.zeros(3), take.motion, notices=take.notices, source=source)
