@@ -200,8 +200,7 @@ def _split_channels(
         turning = [k for k, name in enumerate(names) if name.endswith("rotation")]
         if turning and t_count:
             order = "".join(names[k][0] for k in turning).upper()
-            angles = mine[:, turning] if len(turning) > 1 else mine[:, turning[0]]
-            quat[:, j] = Rotation.from_euler(order, angles, degrees=True).as_quat().reshape(t_count, 4)
+            quat[:, j] = Rotation.from_euler(order, mine[:, turning], degrees=True).as_quat().reshape(t_count, 4)
         place = np.tile(offset_of(joint), (t_count, 1))
         for k, name in enumerate(names):
             if name.endswith("position"):
