@@ -1,4 +1,4 @@
-"""A character from a binary FBX file, and the motion of a clip that is written back to it."""
+"""A character from an FBX file, and the motion of a clip that is written back to it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,9 @@ from muybridge.motion.character.character import Character
 from muybridge.motion.character.fbx_meshes import read_material, read_meshes
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.fbx.append import model_tracks, write_fbx_clip
-from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.read import FbxRig, even_times, forward, read_rig, rest_turns
 from muybridge.motion.formats.fbx.scene import read_scene
+from muybridge.motion.formats.fbx.text import read_fbx_document
 from muybridge.motion.formats.skeletal.joint_frames import motion_of_skeleton, skeleton_at_rest
 
 Frames = tuple[dict[int, FloatArray], dict[int, FloatArray], dict[int, float]]
@@ -32,12 +32,12 @@ class FbxSource:
 
 
 def read_fbx_character(path: Path, clip: Clip) -> Character:
-    """A character from a binary FBX file; called within `parsing`."""
+    """A character from an FBX file; called within `parsing`."""
 
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
         return FormatError(f"{path}: {problem}", remedy=remedy)
 
-    scene = read_scene(read_fbx_nodes(path), error, clip)
+    scene = read_scene(read_fbx_document(path), error, clip)
     rig = read_rig(path, scene, clip, error)
     fps, times = even_times(scene, rig.order, error)
     still = forward(rig, np.zeros(1), error, still=True)

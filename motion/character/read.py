@@ -14,7 +14,7 @@ from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 from muybridge.motion.formats.skeletal.bvh import metres_per_unit_of, read_bvh
 
-_KINDS = (("a glTF 2.0 file", "export_gltf"), ("a binary FBX", "export_fbx"))
+_KINDS = (("a glTF 2.0 file", "export_gltf"), ("an FBX", "resave_fbx"))
 _GLTF = (".glb", ".gltf", ".vrm", ".vrma")
 
 

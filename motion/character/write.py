@@ -11,6 +11,7 @@ from muybridge.motion.character.character import Character
 from muybridge.motion.character.fbx_character import FbxSource, write_fbx_character_clip
 from muybridge.motion.character.gltf_character import rest_linear
 from muybridge.motion.character.read import BvhSource
+from muybridge.motion.formats.fbx.container import MAGIC
 from muybridge.motion.formats.gltf.append import node_tracks, write_gltf_clip
 from muybridge.motion.formats.gltf.rig import Rig
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
@@ -47,6 +48,8 @@ def write_character_clip(character: Character, motion: Motion, path: Path, name:
         tracks = node_tracks(rig, rest_linear(rig), in_scene, places @ BVH_FROM_WORLD.T)
         return write_gltf_clip(rig, tracks, motion.fps, path, name)
     if isinstance(rig, FbxSource):
+        if not rig.data.startswith(MAGIC):
+            raise FormatError(f"{path}: {character.path.name} is FBX as text, which gets no clip", remedy="resave_fbx")
         return write_fbx_character_clip(rig, motion, path, name)
     if isinstance(rig, BvhSource):
         return write_bvh_motion(character.path, rig.text, rig.metres, motion, path)
