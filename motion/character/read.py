@@ -13,6 +13,7 @@ from muybridge.motion.character.gltf_character import read_gltf_character
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
 from muybridge.motion.formats.skeletal.bvh import metres_per_unit_of, read_bvh
+from muybridge.motion.formats.skeletal.rigid import check_room
 
 _KINDS = (("a glTF 2.0 file", "export_gltf"), ("an FBX", "resave_fbx"))
 _GLTF = (".glb", ".gltf", ".vrm", ".vrma")
@@ -45,7 +46,18 @@ def read_character(path: Path, clip: Clip = None) -> Character:
     if reader is None or not path.is_file():
         return _of_motion(path, clip)
     with parsing(path, FormatError, *_KINDS[reader is read_fbx_character]):
-        return reader(path, clip)
+        character = reader(path, clip)
+        _check(character)
+        return character
+
+
+def _check(character: Character) -> None:
+    """FormatError where a joint is beyond any room, or a mesh holds numbers that are not finite."""
+    check_room(character.path, character.motion)
+    for mesh in character.meshes:
+        arrays = (mesh.positions, mesh.weights, mesh.bind, mesh.normals, mesh.uvs, *(m.offsets for m in mesh.morphs))
+        if not all(np.isfinite(a).all() for a in arrays if a is not None):
+            raise FormatError(f"{character.path}: the mesh {mesh.name!r} holds numbers that are not finite")
 
 
 def _of_motion(path: Path, clip: Clip) -> Character:

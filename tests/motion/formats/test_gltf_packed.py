@@ -54,6 +54,9 @@ PACKED = [
 ]  # fmt: skip
 
 
+QUATERNIONS = next(bytes.fromhex(p[4]) for p in PACKED if p[1] == "QUATERNION")
+
+
 def elements() -> bytes:
     """Twenty elements of eight bytes, some of which hardly change and some of which do."""
     i, k = np.arange(20)[:, None], np.arange(8)[None]
