@@ -306,3 +306,28 @@ def test_what_cannot_be_written_is_said_and_nothing_is_written(tmp_path):
         del document["skins"]
         (tmp_path / "plain.glb").write_bytes(pack_glb(document, Tree(path).binary))
         read_character(tmp_path / "plain.glb")
+
+
+def test_the_bones_of_vrm_0_have_the_names_of_vrm_1(tmp_path):
+    names = ("hips", "leftThumbProximal", "leftThumbIntermediate", "leftThumbDistal")
+    nodes = [{"name": f"J_{n}", "children": [k + 1]} if k < 3 else {"name": f"J_{n}"} for k, n in enumerate(names)]
+    bones = [{"bone": n, "node": k} for k, n in enumerate(names)]
+    path = write(tmp_path / "m.vrm", nodes, [], extensions={"VRM": {"humanoid": {"humanBones": bones}}})
+    assert read_character(path).humanoid == {
+        "hips": 0, "leftThumbMetacarpal": 1, "leftThumbProximal": 2, "leftThumbDistal": 3,
+    }  # fmt: skip
+
+
+def test_a_mesh_with_a_number_that_is_none_and_a_clip_that_is_not_there_are_refused(tmp_path):
+    path = rig_file(tmp_path / "m.glb", {})
+    tree = Tree(path)
+    data = bytearray(tree.binary)
+    view = tree.json["bufferViews"][tree.json["accessors"][1]["bufferView"]]
+    data[view["byteOffset"] : view["byteOffset"] + 4] = np.float32(np.nan).tobytes()
+    path.write_bytes(pack_glb(tree.json, bytes(data)))
+    with pytest.raises(FormatError, match="m.glb: accessor 1 holds numbers that are not finite"):
+        read_character(path)
+    path = rig_file(tmp_path / "m.glb", {})
+    write_character_clip(read_character(path), moved(read_character(path)), tmp_path / "n.glb", "walk")
+    with pytest.raises(FormatError, match="has no clip 'run'; its clips are: 0 'walk'"):
+        read_character(tmp_path / "n.glb", "run")
