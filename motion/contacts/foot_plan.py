@@ -50,7 +50,7 @@ def plan_foot(
         fps: frames per second.
         seconds: over which corrections fade.
     """
-    flat = contact.all(1)
+    flat = np.asarray(contact.all(1))
     wanted = _flat_orientations(turns, flat, leg, floor, clearance)
     change = blend(log_so3(wanted @ np.swapaxes(turns, -1, -2)), flat.astype(np.float64), fps, seconds)
     turned = exp_so3(change) @ turns
@@ -58,7 +58,7 @@ def plan_foot(
         only = contact[:, pivot] & ~contact[:, point]
         turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
     target = _targets(ankle, turned, leg, contact, floor, clearance)
-    standing = contact.any(1)
+    standing = np.asarray(contact.any(1))
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
     place = ankle + moved
@@ -127,8 +127,8 @@ def _targets(
     out = ankle.copy()
     heel, ball = (ankle + turns @ _offset(leg, p) for p in (HEEL, BALL))
     lever = turns @ (leg.ball - leg.heel)
-    flat = contact.all(1)
-    for start, stop in contact_spans(contact.any(1)):
+    flat = np.asarray(contact.all(1))
+    for start, stop in contact_spans(np.asarray(contact.any(1))):
         fixed: list[tuple[int, int, FloatArray]] = []  # contacts of the heel whose place is known
         for a, b in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, BALL])):
             place = floor.onto(ball[a:b].mean(0), clearance[BALL])
