@@ -67,17 +67,17 @@ class _Sitter:
 def two_at_table(body: BodyModel, rng: np.random.Generator, times: FloatArray) -> list[Scene]:
     """Both speak with a hand; the first takes a cup and puts it in the middle, the second fetches it."""
     one, two = Figure(body, rng, (0.6, 0.9)), Figure(body, rng, (0.6, 0.9))
-    chairs, feet = zip(_seat(one, 0.0), _seat(two, _OPPOSITE), strict=True)
+    (chair, plant), (opposite, plant_opposite) = _seat(one, 0.0), _seat(two, _OPPOSITE)
     high = max(thigh_top(one), thigh_top(two)) + 0.06
     table = tables.table(rng, high, float(rng.uniform(1.3, 1.45)), 0.62)
     depth, made = table.spots["top"].size[1], [table]
     edges = []
-    for f, chair, y in ((one, chairs[0], 0.0), (two, chairs[1], -depth)):
+    for f, seat, y in ((one, chair, 0.0), (two, opposite, -depth)):
         edge = np.array([0.0, y, 0.0])
         by = edge - (f.root + ahead(f) * (f.ahead(high - 0.12, high + 0.12) + 0.05))
         by[2] = 0.0
         f.move(by)
-        made.append(chair.placed(0.0, by))
+        made.append(seat.placed(0.0, by))
         edges.append(edge + UP * high)
     cup = _cup(rng)
     first, second = _Sitter(one, edges[0], 0.0), _Sitter(two, edges[1], 2.0)
@@ -103,7 +103,7 @@ def two_at_table(body: BodyModel, rng: np.random.Generator, times: FloatArray) -
             sitter.place(hand, rest + (hold - rest) * share + UP * 0.1 * np.sin(np.pi * share), share)
         first.talk("L", t, ease(t, 1.6, 2.3))
         second.talk("R", t, 1 - ease(t, 1.9, 2.5))
-        for plant in feet:
-            plant()
+        plant()
+        plant_opposite()
         stage.shoot(*made, cup.placed(0.0, at))
     return stage.scenes()
