@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize_scalar
 
 from muybridge.arrays import FloatArray
 from muybridge.train.synthesis.things.built import Built
@@ -13,7 +14,7 @@ from muybridge.train.synthesis.things.scene import Scene, Thing
 from muybridge.train.synthesis.things.using.figure import Figure, posed
 
 _AT_ONCE = 32  # bodies that are computed together
-_TOTALS = np.arange(-5.0, 76.0)  # bends that are tried, degrees
+_BENDS = (-5.0, 75.0)  # least and most that a trunk bends, degrees
 
 
 class Stage:
@@ -87,4 +88,4 @@ def best_bend(f: Figure, bend: Callable[[float], None], targets: dict[str, Float
         bend(total)
         return max(abs(f.reach(s, at) - want) for s, at in targets.items())
 
-    return float(min(_TOTALS, key=off))
+    return float(minimize_scalar(off, bounds=_BENDS, method="bounded", options={"xatol": 0.1}).x)
