@@ -1,12 +1,13 @@
-"""From video to motion compared with the truth: `muybridge run --everyone` on rendered takes of one to four people.
+"""From video to motion compared with the truth: `muybridge run --everyone` on rendered takes of people and things.
 
 Usage: python -m scripts.benchmarks.takes.takes TAKES [--out RESULTS] [--only NAME ...] [options of `muybridge run`]
 
 TAKES is made by scripts.assets.takes. "found" is the share of a true person's frames (of those in which two cameras
-have four fifths of them in the image) in which somebody was found within 0.4 m; "switches" are changes of identity;
-"false" is the share of frames of found people in which no true person was near. Errors are of the final landmarks,
-smoothed and with gaps filled: mean, median, and the share within 5 cm. "flips" is the share of limb landmarks nearer to
-the true position of their left-right counterpart, of those whose counterpart is more than 5 cm away.
+have four fifths of them in the image) in which somebody was found within 0.4 m, "missed" the number of the others;
+"switches" are changes of identity; "false" is the share of frames of found people in which no true person was near.
+Errors are of the final landmarks, smoothed and with gaps filled: mean, also of each person, median, and the share
+within 5 cm. "flips" is the share of limb landmarks nearer to the true position of their left-right counterpart, of
+those whose counterpart is more than 5 cm away.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from scripts.benchmarks.common import print_header, run_muybridge
 from scripts.benchmarks.takes.people import match, matched_points
 
 APART_M = 0.05
-DIGITS = {"people": ".0f", "switches": ".0f", "mean mm": ".1f", "median mm": ".1f"}
+DIGITS = {"people": ".0f", "missed": ".0f", "switches": ".0f", "each mm": "", "mean mm": ".1f", "median mm": ".1f"}
 
 
 def truth_of(take: pathlib.Path) -> tuple[FloatArray, list[str], BoolArray]:
@@ -64,7 +65,7 @@ def flips(truth: FloatArray, people: FloatArray) -> float:
     return float((twin < own)[LIMB & apart & np.isfinite(own)].mean())
 
 
-def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
+def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float | str]:
     """Figures of one take."""
     truth, names, visible = truth_of(take)
     people = found_in(out, names, truth.shape[1])
@@ -72,10 +73,14 @@ def score(take: pathlib.Path, out: pathlib.Path) -> dict[str, float]:
     points, matched = matched_points(people, which), which >= 0
     error = 1000 * np.linalg.norm(points - truth, axis=-1)
     counted = error[visible & matched]
+    each = [float(np.nanmean(e[v & m])) if (v & m).any() else np.nan
+            for e, v, m in zip(error, visible, matched, strict=True)]  # fmt: skip
     total = sum(int(np.isfinite(p).any((1, 2)).sum()) for p in people)
     return {
-        "people": len(truth), "found": float((matched & visible).sum() / visible.sum()), "switches": switches,
+        "people": len(truth), "found": float((matched & visible).sum() / visible.sum()),
+        "missed": int((visible & ~matched).sum()), "switches": switches,
         "false": 1 - float(matched.sum()) / max(total, 1), "mean mm": float(np.nanmean(counted)),
+        "each mm": ", ".join(f"{e:.1f}" for e in each),
         "median mm": float(np.nanmedian(counted)), "within 5 cm": float((counted < 50).sum() / counted.size),
         "flips": flips(truth[visible & matched], points[visible & matched]),
     }  # fmt: skip
@@ -87,7 +92,9 @@ def main() -> None:
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("runs/bench-takes"))
     parser.add_argument("--only", nargs="+", default=[])
     options, rest = parser.parse_known_args()
-    columns = "take | people | found | switches | false | mean mm | median mm | within 5 cm | flips | s"
+    columns = (
+        "take | people | found | missed | switches | false | mean mm | each mm | median mm | within 5 cm | flips | s"
+    )
     print_header(columns.split(" | "))
     for take in sorted(p.parent for p in options.takes.glob("*/calibration.toml")):
         if options.only and take.name not in options.only:
