@@ -117,7 +117,9 @@ def _eyes(tree: Tree, head: int) -> FloatArray:
     if head < 0:
         return np.zeros(3)
     leaves = [j for j in tree.children[head] if not tree.children[j] and tree.lengths[j] > 0]
-    gaps = [(abs(float(tree.lengths[a] - tree.lengths[b])), a, b) for k, a in enumerate(leaves) for b in leaves[k + 1 :]]
+    gaps = [
+        (abs(float(tree.lengths[a] - tree.lengths[b])), a, b) for k, a in enumerate(leaves) for b in leaves[k + 1 :]
+    ]
     twins = [(a, b) for gap, a, b in gaps if gap < 0.02 * float(tree.lengths[a])]
     if not twins:
         return np.zeros(3)

@@ -43,13 +43,12 @@ class _Guess:
     score: float
 
 
-def find_by_geometry(skeleton: Skeleton, positions: FloatArray | None = None, first_is_left: bool | None = None) -> Body:
+def find_by_geometry(skeleton: Skeleton, positions: FloatArray | None = None) -> Body:
     """Roles of a skeleton without a look at its names.
 
     Args:
         skeleton: in any units, with any axis up.
         positions: (T, J, 3) metres of a motion, which is judged where the rest pose is no standing body.
-        first_is_left: None; tests set it.
     """
     tree = build_tree(skeleton)
     guess = _best_guess(tree)
@@ -208,7 +207,7 @@ def _roles(tree: Tree, guess: _Guess, first_is_left: bool, pose: FloatArray) -> 
                 roles[f"{side}_clavicle"] = limb.before[-1]
             if len(limb.joints) == 3 and parts is LIMBS[:3] and limb.after:
                 roles[f"{side}_toe"] = limb.after[0]
-    roles["hips"] = _hips(guess)
+    roles["hips"] = guess.legs.parent
     if roles["hips"] < 0:
         roles["hips"] = lowest_common(tree, [*guess.legs.tops, *guess.arms.tops])
     if roles["hips"] < 0:
@@ -218,17 +217,15 @@ def _roles(tree: Tree, guess: _Guess, first_is_left: bool, pose: FloatArray) -> 
     long = float(np.linalg.norm(_middle(tree.at, sides.arms, 0) - _middle(tree.at, sides.legs, 0)))
     limbs_tops = {*guess.legs.tops, *guess.arms.tops}
     chain = head_chain(tree, chest, limbs_tops, up, across) if pose is tree.at else []
-    roles |= {r: j for r, j in head_roles(tree, chain, long).items() if j not in roles.values()}
+    roles |= {
+        r: j for r, j in head_roles(tree, chain, long, len(sides.legs[0].after) > 1).items() if j not in roles.values()
+    }
     for side in ("left", "right"):
         if {f"{side}_hand", f"{side}_forearm"} <= set(roles):
             hand, elbow = roles[f"{side}_hand"], roles[f"{side}_forearm"]
             fingers = finger_roles(tree, hand, unit(tree.at[hand] - tree.at[elbow]))
             roles |= {f"{side}_{name}": j for name, j in fingers.items()}
     return _feet_elsewhere(tree, roles, pose)
-
-
-def _hips(guess: _Guess) -> int:
-    return guess.legs.parent
 
 
 def _feet_elsewhere(tree: Tree, roles: dict[str, int], pose: FloatArray) -> dict[str, int]:

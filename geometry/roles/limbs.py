@@ -1,4 +1,4 @@
-"""Where a chain of joints bends like a limb: which of its joints are the shoulder, elbow and wrist, or hip, knee, ankle.
+"""Which joints of a chain are the shoulder, elbow and wrist of an arm, or the hip, knee and ankle of a leg.
 
 A limb's two bones are about equally long and each is straight; what comes before (clavicles, buttocks) and after
 (hands, feet) is shorter. Joints within a bone (twist bones) lie on its line.

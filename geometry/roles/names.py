@@ -1,17 +1,17 @@
-"""Roles by names: the tables of `muybridge.geometry.skeleton.profiles`, then words that mean one part of a body only."""
+"""Roles by names: the tables of `muybridge.geometry.skeleton.profiles`, then words that mean one part only."""
 
 import re
 from collections.abc import Sequence
 
-from muybridge.geometry.skeleton.profiles import EXTRAS, PROFILES, roles_of
 from muybridge.geometry.roles.role_map import CORE_ROLES, in_order
+from muybridge.geometry.skeleton.profiles import EXTRAS, PROFILES, roles_of
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 Side = str  # "left", "right" or ""
 
 _LEFT, _RIGHT = {"left", "l", "lt", "lf"}, {"right", "r", "rt", "rg"}
-_FIXES = {"j", "bip", "def", "org", "mixamorig", "bip01", "bip001", "valve", "biped", "cc", "base", "b", "jnt", "joint", "bone",
-          "bn", "sk", "rig", "m", "c"}  # fmt: skip
+_FIXES = {"j", "bip", "def", "org", "mixamorig", "bip01", "bip001", "valve", "biped", "cc", "base", "b", "jnt", "joint",
+          "bone", "bn", "sk", "rig", "m", "c"}  # fmt: skip
 # Words of one part, without side and numbers; those that mean different parts in different programs are not here.
 _WORDS: dict[str, tuple[str, ...]] = {
     "hips": ("hips", "pelvis", "hip", "cog"),

@@ -23,7 +23,7 @@ def suggest_role_map(skeleton: Skeleton, found: RoleMap) -> str:
     if found.how == "names:words":
         how = "the names, by their words"
     lines = [
-        "# Which joint is which part of the body: role = \"joint\". Correct what is wrong, and give the file with --map.",
+        '# Which joint is which part of the body: role = "joint". Correct what is wrong.',
         f"# Found by {how}.",
         *(f"# Note: {note}." for note in found.notes),
     ]

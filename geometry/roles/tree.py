@@ -151,7 +151,7 @@ def _twins(tree: Tree, a: int, b: int, centre: FloatArray) -> dict[int, int]:
 
 
 def _difference(tree: Tree, a: int, b: int, centre: FloatArray | None = None) -> float:
-    """How unlike two branches are in what a reflection keeps: lengths, reach, number of joints, distance to a centre."""
+    """How unlike two branches are in what a reflection keeps: lengths, number of joints, distance to a centre."""
     little = 0.02 * tree.size
     out = 0.0
     for values in (tree.lengths, tree.reach):

@@ -70,8 +70,15 @@ def _rising(tree: Tree, j: int, up: FloatArray, side: FloatArray) -> list[int]:
     return chain
 
 
-def head_roles(tree: Tree, chain: list[int], chest_to_hips: float) -> dict[str, int]:
-    """Neck and head among the joints above the chest."""
+def head_roles(tree: Tree, chain: list[int], trunk: float, ends: bool) -> dict[str, int]:
+    """Neck and head among the joints above the chest.
+
+    Args:
+        tree: of the skeleton.
+        chain: those joints, the topmost last.
+        trunk: metres from hips to shoulders.
+        ends: whether the skeleton's other chains end with a joint that marks the end of a bone.
+    """
     if not chain:
         return {}
     for k, j in enumerate(chain):
@@ -83,7 +90,7 @@ def head_roles(tree: Tree, chain: list[int], chest_to_hips: float) -> dict[str, 
         return {"head": bare}
     known_tip = bool(np.isfinite(tree.tips[bare]).all()) and float(np.linalg.norm(tree.tips[bare])) > 0
     last = len(chain) - 1
-    if not known_tip and (len(chain) > 2 or tree.lengths[bare] > _NECK * chest_to_hips):
+    if not known_tip and (ends or tree.lengths[bare] > _NECK * trunk):
         last -= 1  # an end bone without its own length
     return {"head": chain[last]} | ({"neck": chain[0]} if last else {})
 

@@ -119,18 +119,20 @@ def human(rng, pose="t", legs=1.0, arms=1.0, head=1.0, hand=1.0, spine=3, neck=1
             b.add(f"{side}_foot_ik", top, mirrored * (0.1, 0.03, 0.08))
             b.add(f"{side}_hand_ik", top, mirrored * (0.7, 0, hip + 0.45))
         for k in range(face // 2):
-            b.add(f"{side}_face{k}", skull, mirrored * rng.uniform((0.01, -0.1, neck_z + 0.08), (0.07, -0.05, neck_z + 0.2)))
+            b.add(
+                f"{side}_face{k}", skull, mirrored * (rng.uniform(0.01, 0.07), -0.08, neck_z + rng.uniform(0.08, 0.2))
+            )
         for k in range(hair // 2):
             lock = b.add(f"{side}_hair{k}", skull, mirrored * (0.05 + 0.02 * k, 0.08, neck_z + 0.25))
             for n in range(1, 4):
                 lock = b.add(f"{side}_hair{k}_{n}", lock, mirrored * (0.06 + 0.02 * k, 0.12, neck_z + 0.25 - 0.13 * n))
         for k in range(skirt // 2):
             angle = np.pi * (k + 0.5) / (skirt // 2)
-            cloth = b.add(f"{side}_skirt{k}", pelvis, mirrored * (0.12 * np.sin(angle), -0.12 * np.cos(angle), hip - 0.05))
+            way = np.array([np.sin(angle), -np.cos(angle), 0])
+            cloth = b.add(f"{side}_skirt{k}", pelvis, mirrored * (0.12 * way + [0, 0, hip - 0.05]))
             for n in range(1, 4):
                 cloth = b.add(f"{side}_skirt{k}_{n}", cloth,
-                              mirrored * ((0.12 + 0.03 * n) * np.sin(angle), -(0.12 + 0.03 * n) * np.cos(angle),
-                                          hip - 0.05 - 0.15 * n))  # fmt: skip
+                              mirrored * ((0.12 + 0.03 * n) * way + [0, 0, hip - 0.05 - 0.15 * n]))  # fmt: skip
     for k in range(tail):
         pelvis_tail = pelvis if not k else f"tail{k - 1}"
         b.add(f"tail{k}", pelvis_tail, (0, 0.1 + 0.15 * k, hip + 0.02 * k))
@@ -196,7 +198,8 @@ def _finger(b, side, mirrored, palm, k, fingers, place, hand, metacarpals, ends)
     if metacarpals and not thumb:
         parent = b.add(f"{side}_metacarpal{k}", parent, mirrored * (wrist + 0.02, y + (across - y) / 2, z))
     for n in range(3):
-        at = np.array([start + 0.03 * hand * n, across - (0.02 * n if thumb else 0), z - (0.02 * (n + 1) if thumb else 0)])
+        bent = 0.02 * thumb
+        at = np.array([start + 0.03 * hand * n, across - bent * n, z - bent * (n + 1)])
         parent = b.add(f"{side}_finger{k}_{n}", parent, mirrored * at)
     if ends:
         at = np.array([start + 0.085 * hand, across - (0.05 if thumb else 0), z - (0.07 if thumb else 0)])
