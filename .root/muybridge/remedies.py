@@ -39,6 +39,7 @@ REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "other_session": "choose another folder, or pass overwrite=True",
     "overwrite": "choose another name, or pass overwrite=True",
+    "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",

@@ -45,6 +45,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "other_session": "choose another --out, or give --overwrite",
     "overwrite": "choose another name, or give --overwrite",
+    "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
