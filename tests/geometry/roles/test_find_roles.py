@@ -143,7 +143,8 @@ def test_real_characters_with_scrambled_names(real_data):
     """Truth are the names as their makers gave them."""
     right, kinds = {}, {}
     for name in ("characters/kaykit_knight.glb", "characters/mesh2motion_bunny.glb",
-                 "characters/mesh2motion_female.glb", "characters/vrmc_mtoon_test.vrm", "characters/three_vrm_test.vrma", "motion/01_01.bvh",
+                 "characters/mesh2motion_female.glb",
+                 "characters/vrmc_mtoon_test.vrm", "characters/three_vrm_test.vrma", "motion/01_01.bvh",
                  "motion/02_03.amc", "motion/cmu_91_48.fbx", "characters/mesh2motion_dog.glb",
                  "characters/mesh2motion_fox_animations.glb"):  # fmt: skip
         motion = read_file(real_data / name).motion
