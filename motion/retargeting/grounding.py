@@ -18,6 +18,7 @@ from muybridge.motion.retargeting.rig import SIDES, Posed, Rig
 from muybridge.motion.retargeting.soles import Soles
 
 _ADULT_LEG_M = 0.85
+_STIFF = 1e-3  # of quaternions
 _UP = np.array([0.0, 0.0, 1.0])
 _MOST_TILT = np.radians(35)  # of a foot at rest against one that stands
 
@@ -55,13 +56,25 @@ def find_ground(rig: Rig, posed: Posed, fps: float, options: ContactOptions | No
     """The contacts and the floor of a source, whatever its units are."""
     factor = _ADULT_LEG_M / rig.leg_length()
     scaled = replace(rig, places=rig.places * factor, tips=rig.tips * factor)
-    motion = local_motion(scaled, posed.turns, posed.places[:, 0] * factor, fps)
+    motion = _with_stiff_toes(local_motion(scaled, posed.turns, posed.places[:, 0] * factor, fps), rig)
     contacts = find_contacts(motion, options, roles=rig.roles)
     ankles = posed.places[:, [rig.roles[f"{s}_foot"] for s in SIDES], 2] - contacts.floor.height / factor
     flat = contacts.contact.all(-1)
     standing = ankles[flat] if flat.any() else ankles[contacts.feet]
     usual = 0.1 * rig.leg_length()
     return Ground(contacts, contacts.floor.height / factor, float(np.median(standing)) if len(standing) else usual)
+
+
+def _with_stiff_toes(motion: Motion, rig: Rig) -> Motion:
+    """Toes that hardly ever bend do not at all: single frames do not make a foot one that rolls over its toes."""
+    quat = motion.quat_wxyz.copy()
+    for side in SIDES:
+        toe = rig.roles.get(f"{side}_toe", -1)
+        if toe >= 0:
+            usual = np.median(quat[:, toe], axis=0)
+            if np.quantile(np.abs(quat[:, toe] - usual).max(axis=1), 0.9) < _STIFF:
+                quat[:, toe] = usual / np.linalg.norm(usual)
+    return replace(motion, quat_wxyz=quat)
 
 
 def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seconds: float) -> FloatArray:
@@ -107,7 +120,8 @@ def bend_toes(motion: Motion, rig: Rig, contact: BoolArray, seconds: float) -> M
 
 def plant(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, options: PlantOptions) -> Planted:
     """The motion with its feet planted, soles on the floor at z = 0."""
-    legs = find_legs(motion.skeleton, rig.roles, motion.quat_wxyz)
-    clearance = np.array([[soles.heel[k] + leg.heel[2], soles.ball[k] + leg.ball[2]] for k, leg in enumerate(legs)])
+    one, other = find_legs(motion.skeleton, rig.roles, motion.quat_wxyz)
+    legs = replace(one, heel=soles.heel[0]), replace(other, heel=soles.heel[1])
+    clearance = np.array([[0.0, leg.ball[2] - ball[2]] for leg, ball in zip(legs, soles.ball, strict=True)])
     contacts = replace(Contacts.of_feet(contact, motion.fps, Floor()), clearance=clearance)
-    return plant_feet(motion, contacts, options, roles=rig.roles)
+    return plant_feet(motion, contacts, options, roles=rig.roles, legs=legs)

@@ -124,7 +124,7 @@ def _root(
     """
     thighs = [source.roles[f"{side}_thigh"] for side in SIDES]
     middle = posed.places[:, thighs].mean(axis=1)
-    ankle = float(np.mean([soles.heel, soles.ball]))
+    ankle = -float(np.mean([soles.heel[:, 2], soles.ball[:, 2]]))
     height = (target.leg_length() + ankle) / (source.leg_length() + max(ground.ankle, 0.0))
     wanted = np.stack([*(middle[:, :2] * scale).T, (middle[:, 2] - ground.height) * height], axis=1)
     return wanted - _from_mover(target, turns, [target.roles[f"{side}_thigh"] for side in SIDES])

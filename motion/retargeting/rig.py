@@ -111,7 +111,7 @@ def make_rig(skeleton: Skeleton, roles: Mapping[str, int], root_at_rest: FloatAr
             joints.append(j)
     index = {j: k for k, j in enumerate(joints)}
     axes = body_axes_at_rest(places, roles)
-    unposed = axes.T @ np.swapaxes(turns[joints], -1, -2)
+    unposed = axes.T @ turns[joints]
     start = np.zeros(3) if root_at_rest is None else root_at_rest
     return Rig(
         tuple(skeleton.names[j] for j in joints), tuple(index.get(parents[j], -1) if j != mover else -1 for j in joints),

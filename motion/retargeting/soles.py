@@ -11,15 +11,17 @@ from muybridge.motion.retargeting.rig import SIDES, Rig
 
 _MOST = 0.5  # of a vertex's weight: it belongs to the foot from here on
 _SOLE_OF_LEG = 0.03  # sole below the lowest joint of a foot without mesh, as a share of the leg
+_HEEL_OF_LEG = 0.05  # heel behind the ankle of such a foot
+_FLAT_OF_LEG = 0.006  # vertices that are at most so much higher than the lowest belong to the sole
 
 
 @dataclass(frozen=True, eq=False)
 class Soles:
-    """The undersides of the feet.
+    """The undersides of the feet at rest, in the axes of the rig.
 
     Attributes:
-        heel: (2,) metres from the left and the right ankle down to the lowest point behind the middle of the foot.
-        ball: (2,) metres from the ankle down to the lowest point before it.
+        heel: (2, 3) metres from the left and the right ankle to the rear end of the sole.
+        ball: (2, 3) metres from the ankle to the sole below the ball, or its fore end where a foot has no toes.
         measured: whether there are meshes that show them.
     """
 
@@ -35,21 +37,24 @@ def measure_soles(rig: Rig, character: Character | None) -> Soles:
         rig: of the character.
         character: None for a skeleton without meshes, whose soles are a little below the lowest joint of each foot.
     """
-    heel, ball, measured = np.zeros(2), np.zeros(2), False
+    heel, ball, measured = np.zeros((2, 3)), np.zeros((2, 3)), False
+    leg = rig.leg_length()
     for k, side in enumerate(SIDES):
-        foot = rig.roles[f"{side}_foot"]
+        foot, toe = rig.roles[f"{side}_foot"], rig.roles.get(f"{side}_toe", -1)
         below = [j for j in range(len(rig.parents)) if foot in rig.above(j)]
         points = _vertices(rig, character, below) if character is not None else np.zeros((0, 3))
-        ankle = rig.places[foot]
-        if len(points):
-            measured = True
-            middle = (points[:, 1].min() + points[:, 1].max()) / 2
-            behind, before = points[points[:, 1] >= middle], points[points[:, 1] <= middle]
-            heel[k], ball[k] = ankle[2] - behind[:, 2].min(), ankle[2] - before[:, 2].min()
-        else:
+        ankle, measured = rig.places[foot], measured or len(points) > 0
+        if not len(points):
             ends = rig.places[below] + np.nan_to_num(rig.tips[below])
-            lowest = min(ends[:, 2].min(), rig.places[below][:, 2].min()) - _SOLE_OF_LEG * rig.leg_length()
-            heel[k] = ball[k] = ankle[2] - lowest
+            points = np.concatenate([ends, rig.places[below]]) - [0, 0, _SOLE_OF_LEG * leg]
+            points = np.concatenate([points, [ankle * [1, 1, 0] + [0, _HEEL_OF_LEG * leg, points[:, 2].min()]]])
+        middle = (points[:, 1].min() + points[:, 1].max()) / 2
+        for out, part in ((heel, points[points[:, 1] >= middle]), (ball, points[points[:, 1] <= middle])):
+            low = part[part[:, 2] < part[:, 2].min() + _FLAT_OF_LEG * leg]
+            end = low[:, 1].max() if out is heel else low[:, 1].min()
+            if out is ball and toe >= 0:
+                end = rig.places[toe, 1]
+            out[k] = [0.0, end - ankle[1], part[:, 2].min() - ankle[2]]
     return Soles(heel, ball, measured)
 
 
