@@ -18,6 +18,10 @@ from muybridge.motion.retargeting.rig import SIDES, Posed, Rig
 from muybridge.motion.retargeting.soles import Soles
 
 _ADULT_LEG_M = 0.85
+_FEW = 10
+_JUMP, _JUMP_OF_STEPS = 0.15, 4.0  # of the leg, and of the usual largest step
+_STEPS = 400.0
+_TILT_STEP = 0.01  # radians; as for heights
 _STIFF = 1e-3  # of quaternions
 _UP = np.array([0.0, 0.0, 1.0])
 _MOST_TILT = np.radians(35)  # of a foot at rest against one that stands
@@ -57,12 +61,38 @@ def find_ground(rig: Rig, posed: Posed, fps: float, options: ContactOptions | No
     factor = _ADULT_LEG_M / rig.leg_length()
     scaled = replace(rig, places=rig.places * factor, tips=rig.tips * factor)
     motion = _with_stiff_toes(local_motion(scaled, posed.turns, posed.places[:, 0] * factor, fps), rig)
-    contacts = find_contacts(motion, options, roles=rig.roles)
-    ankles = posed.places[:, [rig.roles[f"{s}_foot"] for s in SIDES], 2] - contacts.floor.height / factor
+    contacts = _contacts(motion, rig, options)
+    height = _coarse(contacts.floor.height, _ADULT_LEG_M) / factor
+    ankles = posed.places[:, [rig.roles[f"{s}_foot"] for s in SIDES], 2] - height
     flat = contacts.contact.all(-1)
     standing = ankles[flat] if flat.any() else ankles[contacts.feet]
-    usual = 0.1 * rig.leg_length()
-    return Ground(contacts, contacts.floor.height / factor, float(np.median(standing)) if len(standing) else usual)
+    usual = float(np.median(standing)) if len(standing) else 0.1 * rig.leg_length()
+    return Ground(contacts, height, _coarse(usual, rig.leg_length()))
+
+
+def _contacts(motion: Motion, rig: Rig, options: ContactOptions | None) -> Contacts:
+    """The contacts, without a look at frames before a jump at the start: a pose that was put there stands nowhere."""
+    skip = _put_before(motion)
+    contacts = find_contacts(motion.select(slice(skip, None)), options, roles=rig.roles)
+    if not skip:
+        return contacts
+    none = np.zeros((skip, 2, 2))
+    return replace(contacts, contact=np.concatenate([none > 0, contacts.contact]),
+                   probability=np.concatenate([none, contacts.probability]))  # fmt: skip
+
+
+def _put_before(motion: Motion) -> int:
+    """1 where the first frame is far from the second, for the steps of the take; 0 otherwise."""
+    if len(motion) < _FEW:
+        return 0
+    at = motion.joint_positions_world()
+    steps = np.linalg.norm(np.diff(at, axis=0), axis=-1).max(axis=-1)
+    return int(steps[0] > max(_JUMP * _ADULT_LEG_M, _JUMP_OF_STEPS * np.quantile(steps[1:], 0.95)))
+
+
+def _coarse(value: float, leg: float) -> float:
+    """A height to a four hundredth of the leg: a frame more or less changes nothing of the rest of a take."""
+    return round(value / leg * _STEPS) * leg / _STEPS
 
 
 def _with_stiff_toes(motion: Motion, rig: Rig) -> Motion:
@@ -88,7 +118,7 @@ def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seco
         was = out[:, foot].copy()
         if flat.any():
             up = unit((np.swapaxes(was[flat], -1, -2) @ _UP).mean(axis=0))
-            tilt = log_so3(swing(_UP, up))
+            tilt = np.round(log_so3(swing(_UP, up)) / _TILT_STEP) * _TILT_STEP
             size = float(np.linalg.norm(tilt))
             was = was @ exp_so3(tilt * min(1.0, _MOST_TILT / max(size, 1e-9)))
             change = log_so3(swing(was @ _UP, np.broadcast_to(_UP, (len(was), 3))))
