@@ -84,6 +84,45 @@ def continuous_quat(quat_wxyz: FloatArray) -> FloatArray:
     return np.asarray(quat_wxyz * signs[..., None])
 
 
+def multiply_quat(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(..., 4) wxyz: the product of quaternions, the rotation `second` followed by `first`; shapes broadcast."""
+    w, x, y, z = np.moveaxis(first, -1, 0)
+    a, b, c, d = np.moveaxis(second, -1, 0)
+    return np.stack([w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c,
+                     w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a], axis=-1)  # fmt: skip
+
+
+def conjugate_quat(quat_wxyz: FloatArray) -> FloatArray:
+    """(..., 4) wxyz: the inverse rotations of unit quaternions."""
+    return np.asarray(quat_wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def quat_from_rotvec(rotvec: FloatArray) -> FloatArray:
+    """(..., 3) rotation vectors to (..., 4) quaternions wxyz."""
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotvec], axis=-1)
+
+
+def rotvec_from_quat(quat_wxyz: FloatArray) -> FloatArray:
+    """(..., 4) quaternions wxyz to (..., 3) rotation vectors of at most pi; exact near the identity."""
+    quat = np.where(quat_wxyz[..., :1] < 0, -quat_wxyz, quat_wxyz)
+    sine = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
+    scale = np.where(sine > 1e-150, 2 * np.arctan2(sine, quat[..., :1]) / np.maximum(sine, 1e-150), 2.0)
+    return np.asarray(scale * quat[..., 1:])
+
+
+def slerp(first: FloatArray, second: FloatArray, share: FloatArray) -> FloatArray:
+    """(..., 4) quaternions wxyz on the shortest way from `first` (share 0) to `second` (share 1); shapes broadcast.
+
+    Args:
+        first: (..., 4).
+        second: (..., 4).
+        share: (...) without the quaternions' axis.
+    """
+    way = rotvec_from_quat(multiply_quat(conjugate_quat(first), second))
+    return multiply_quat(first, quat_from_rotvec(way * np.asarray(share)[..., None]))
+
+
 def matrix_from_swing_twist(coordinates: FloatArray, twist_axis: int) -> FloatArray:
     """(..., 3) angles about x, y, z to (..., 3, 3): the twist about `twist_axis` first, then the swing.
 
