@@ -1,4 +1,4 @@
-"""Reading a skeleton and its animation from a binary FBX file, whichever program wrote it."""
+"""Reading a skeleton and its animation from an FBX file, whichever program wrote it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,8 +8,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import ErrorFactory, Model, Scene, read_scene
+from muybridge.motion.formats.fbx.text import read_fbx_document
 from muybridge.motion.formats.skeletal.joint_frames import frame_times, motion_from_frames
 
 _DEFAULT_FPS = 30.0
@@ -21,7 +21,7 @@ _ENDS = ("_End", "_end", "_Nub")
 def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[str, ...]]:
     """Read a file's largest skeleton and one of its animations into metres, Z up.
 
-    Binary FBX 7.0 to 7.7. Tangents with weights count as such without; layers of animation have to be one.
+    FBX 7.0 to 7.7, binary or text. Tangents with weights count as such without; layers of animation have to be one.
 
     Args:
         path: a `.fbx` file.
@@ -33,14 +33,14 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
         left out, one sentence each.
 
     Raises:
-        FormatError: malformed, text, no skeleton, no such clip (the message lists those there are), or
+        FormatError: malformed, no skeleton, no such clip (the message lists those there are), or
             joints below a node that stretches or mirrors.
     """
 
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
         return FormatError(f"{path}: {problem}", remedy=remedy)
 
-    with parsing(path, FormatError, "a binary FBX", "export_fbx"):
+    with parsing(path, FormatError, "an FBX", "resave_fbx"):
         return _read(Path(path), clip, error)
 
 
@@ -72,7 +72,7 @@ class FbxRig:
 
 
 def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Motion, tuple[str, ...]]:
-    rig = read_rig(path, read_scene(read_fbx_nodes(path), error, clip), clip, error)
+    rig = read_rig(path, read_scene(read_fbx_document(path), error, clip), clip, error)
     return _motion(rig, error), tuple(rig.notices)
 
 
