@@ -13,8 +13,12 @@ from muybridge.motion.contacts.feet import FootPoints, feet_of_motion, feet_of_p
 from muybridge.motion.contacts.floor import Floor, find_floor
 from muybridge.motion.contacts.footskate import contact_spans
 from muybridge.motion.contacts.plates import plate_loads, weigh_feet
-from muybridge.motion.contacts.probability import standing_probability
+from muybridge.motion.contacts.probability import SHIFT_S, standing_probability
 from muybridge.motion.formats.points.c3d import C3DTake
+
+
+_PIECE_S = 0.2  # a shorter piece of a contact that was cut is no contact
+_HIGHEST_M = 0.08  # that heels and balls are over a floor that is known
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,9 @@ class ContactOptions:
         enter: probability from which a contact begins.
         leave: probability under which it ends.
         shortest: seconds of a contact, and of the gap between two of one point; shorter ones are dropped.
+        height: metres over where it rests that a point stands no more, besides noise.
+        creep: metres that a point may be from the middle of its contact, besides the noise; a contact is cut where it moves
+            the fastest until none is.
         smoothing: seconds, standard deviation of a Gaussian over the positions before velocities are taken.
     """
 
@@ -35,6 +42,8 @@ class ContactOptions:
     enter: float = 0.5
     leave: float = 0.3
     shortest: float = 0.06
+    height: float = 0.045
+    creep: float = 0.025
     smoothing: float = 0.025
 
 
@@ -69,13 +78,16 @@ class Contacts:
         return np.asarray(self.contact.any(-1))
 
     @classmethod
-    def of_feet(cls, standing: BoolArray, fps: float, floor: Floor | None = None) -> "Contacts":
+    def of_feet(
+        cls, standing: BoolArray, fps: float, floor: Floor | None = None, clearance: FloatArray | None = None
+    ) -> "Contacts":
         """Contacts that are known beforehand.
 
         Args:
             standing: (T, 2) of whole feet, or (T, 2, 2) of heels and balls.
             fps: frames per second.
-            floor: what they stand on; None is found when feet are planted.
+            floor: what they stand on; None for z = 0.
+            clearance: (2, 2) metres of heels and balls over it while they stand; None, or NaN, goes by their medians.
 
         Raises:
             ValueError: another shape.
@@ -84,7 +96,8 @@ class Contacts:
         if standing.shape[1:] not in ((2,), (2, 2)):
             raise ValueError(f"contacts must be (T, 2) or (T, 2, 2), not {standing.shape}")
         both = np.repeat(standing[..., None], 2, -1) if standing.ndim == 2 else standing
-        return cls(both, fps, floor or Floor(float("nan")), both.astype(np.float64))
+        known = np.full((2, 2), np.nan) if clearance is None else np.asarray(clearance, dtype=np.float64)
+        return cls(both, fps, floor or Floor(), both.astype(np.float64), known)
 
 
 def find_contacts(
@@ -107,27 +120,36 @@ def find_contacts(
     """
     options = options or ContactOptions()
     feet = feet_of_motion(source, roles) if isinstance(source, Motion) else feet_of_points(source)
-    velocity = _velocity(feet, options.smoothing)
+    smooth, known = _smoothed(feet, options.smoothing)
+    velocity = _velocity(smooth, known, feet.fps)
+    shift = _shift(smooth, known, round(SHIFT_S * feet.fps))
     speed = np.linalg.norm(velocity, axis=-1)
     floor, clearance = find_floor(feet, speed, options.slope)
     if options.floor is not None:
         clearance = clearance + (floor.height - options.floor.height) * floor.normal[2]
-        clearance = np.clip(clearance, 0, None)
+        clearance = np.clip(clearance, 0, _HIGHEST_M * feet.size)
         floor = options.floor
     heights = floor.heights(feet.places) - clearance
     frames = len(heights)
     flat = (frames, 4)
-    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), feet.sigma.reshape(flat),
-                                        feet.fps, feet.size)  # fmt: skip
+    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), shift.reshape(flat),
+                                        feet.sigma.reshape(flat), feet.fps, feet.size)  # fmt: skip
     probability = found.reshape(frames, 2, 2)
     loads = plate_loads(plates) if plates is not None else ()
-    for load in loads:
-        probability = weigh_feet(probability, feet.places, load)
+    weighed = [weigh_feet(probability, feet.places, load) for load in loads]
+    none = np.zeros(probability.shape, np.bool_)
+    stands, free = (np.logical_or.reduce([none, *(each[k] for each in weighed)]) for k in (0, 1))
+    probability = np.where(free & ~stands, 0.0, probability)
     contact = np.zeros(probability.shape, np.bool_)
     for k in range(2):
         for p in range(2):
-            contact[:, k, p] = _with_hysteresis(probability[:, k, p], options, feet.fps)
-    return Contacts(contact, feet.fps, floor, probability, clearance, noise, len(loads))
+            held = _with_hysteresis(probability[:, k, p], options, feet.fps)
+            held &= ~(heights[:, k, p] > options.height * feet.size + noise)
+            most = options.creep * feet.size + noise
+            still = _still(held, smooth[:, k, p], most, round(_PIECE_S * feet.fps))
+            contact[:, k, p] = without_short_runs(still, round(options.shortest * feet.fps))
+    probability = np.where(stands, 1.0, probability)
+    return Contacts(contact | stands, feet.fps, floor, probability, clearance, noise, len(loads))
 
 
 def without_short_runs(contact: BoolArray, shortest: int) -> BoolArray:
@@ -141,10 +163,8 @@ def without_short_runs(contact: BoolArray, shortest: int) -> BoolArray:
 
 
 def with_floor(contacts: Contacts, feet: FootPoints) -> Contacts:
-    """Contacts that know their floor and how high the points are over it where they stand: by their medians there."""
+    """Contacts that know how high the points are over the floor where they stand: by their medians there."""
     floor, clearance = contacts.floor, contacts.clearance.copy()
-    if not np.isfinite(floor.height):
-        floor = Floor()
     for k in range(2):
         for p in range(2):
             standing = contacts.contact[:, k, p]
@@ -155,17 +175,31 @@ def with_floor(contacts: Contacts, feet: FootPoints) -> Contacts:
         other = clearance[:, 1 - p][np.isfinite(clearance[:, 1 - p])]
         usual = float(known.mean()) if len(known) else float(other.mean()) if len(other) else 0.0
         clearance[:, p] = np.where(np.isfinite(clearance[:, p]), clearance[:, p], usual)
-    return replace(contacts, floor=floor, clearance=clearance)
+    return replace(contacts, clearance=clearance)
 
 
-def _velocity(feet: FootPoints, smoothing: float) -> FloatArray:
+def _smoothed(feet: FootPoints, smoothing: float) -> tuple[FloatArray, BoolArray]:
+    """(T, 2, 2, 3) metres with gaps bridged, and (T, 2, 2) where there was none."""
+    known = np.isfinite(feet.places).all(-1)
+    filled = np.where(known[..., None], feet.places, _bridged(feet.places, known))
+    return gaussian_filter1d(filled, max(smoothing * feet.fps, 1e-3), axis=0, mode="nearest"), known
+
+
+def _velocity(smooth: FloatArray, known: BoolArray, fps: float) -> FloatArray:
     """(T, 2, 2, 3) metres per second; NaN where the point is not known."""
-    places, known = feet.places, np.isfinite(feet.places).all(-1)
-    if len(places) < 2:
-        return np.zeros(places.shape)
-    filled = np.where(known[..., None], places, _bridged(places, known))
-    smooth = gaussian_filter1d(filled, max(smoothing * feet.fps, 1e-3), axis=0, mode="nearest")
-    return np.where(known[..., None], np.gradient(smooth, axis=0) * feet.fps, np.nan)
+    velocity = np.gradient(smooth, axis=0) * fps if len(smooth) > 1 else np.zeros_like(smooth)
+    return np.where(known[..., None], velocity, np.nan)
+
+
+def _shift(smooth: FloatArray, known: BoolArray, frames: int) -> FloatArray:
+    """(T, 2, 2) metres that a point moves in so many frames before or after, whichever is less."""
+    before, after = np.full(known.shape, np.inf), np.full(known.shape, np.inf)
+    step = min(max(frames, 1), len(smooth) - 1)
+    if step < 1:
+        return np.where(known, 0.0, np.nan)
+    before[step:] = after[:-step] = np.linalg.norm(smooth[step:] - smooth[:-step], axis=-1)
+    least = np.minimum(before, after)
+    return np.where(known, np.where(np.isfinite(least), least, 0.0), np.nan)
 
 
 def _bridged(places: FloatArray, known: BoolArray) -> FloatArray:
@@ -185,3 +219,21 @@ def _with_hysteresis(probability: FloatArray, options: ContactOptions, fps: floa
     for a, b in contact_spans(probability >= options.leave):
         out[a:b] = bool((probability[a:b] >= options.enter).any())
     return without_short_runs(out, round(options.shortest * fps))
+
+
+def _still(contact: BoolArray, places: FloatArray, most: float, shortest: int) -> BoolArray:
+    """(T,) the contacts, cut into pieces in which a point (T, 3) stays within `most` metres of its median place."""
+    out, open_spans = contact.copy(), [(a, b, False) for a, b in contact_spans(contact)]
+    while open_spans:
+        a, b, is_piece = open_spans.pop()
+        if is_piece and b - a < shortest:
+            out[a:b] = False
+            continue
+        away = np.linalg.norm(places[a:b] - np.median(places[a:b], axis=0), axis=1)
+        if away.max() <= most or b - a < 3:
+            continue
+        cut = a + 1 + int(np.argmax(np.linalg.norm(np.diff(places[a:b], axis=0), axis=1)))
+        left, right = max(cut - shortest // 8, a), min(cut + max(shortest // 8, 1), b)
+        out[left:right] = False
+        open_spans += [(c, d, True) for c, d in ((a, left), (right, b)) if c < d]
+    return out

@@ -12,7 +12,8 @@ _GRID_M = 0.002
 _SPREAD_M = 0.008  # standard deviation of the kernel of densities of heights
 _LEAST_PEAK = 0.3  # of the highest density that a lower one must have to count as the floor
 _NEAR_M = 0.025  # from such a density that heights count
-_SAME_M = 0.035  # two heights of the same floor differ by no more than this
+_SAME_M = 0.035  # heights of both feet over the same floor differ by no more than this
+_HEEL_M = 0.06  # and those of heel and ball
 _SLOW = 0.25  # share of a take's frames that are slow at least
 _STEEPEST = 0.15  # slope
 
@@ -56,8 +57,9 @@ def find_floor(feet: FootPoints, speed: FloatArray, slope: bool = False) -> tupl
     rest = _resting_heights(feet, flat, slow)
     if not slope or not np.isfinite(rest).all():
         return _put(flat, rest)
-    for _ in range(4):
+    for turn in range(5):
         near = slow & (np.abs(flat.heights(feet.places) - rest) < _NEAR_M * feet.size)
+        near = near if turn else slow
         gradient = _gradient(feet.places, rest, near)
         normal = np.array([-gradient[0], -gradient[1], 1.0])
         x, y, z = (normal / np.linalg.norm(normal)).tolist()
@@ -89,7 +91,7 @@ def _resting_heights(feet: FootPoints, flat: Floor, slow: BoolArray) -> FloatArr
     ball = np.nanmin(out[:, 1]) if np.isfinite(out[:, 1]).any() else np.nan
     for p in range(2):
         least = np.nanmin(out[:, p]) if np.isfinite(out[:, p]).any() else ball
-        if p == 0 and abs(least - ball) > _SAME_M * feet.size:
+        if p == 0 and abs(least - ball) > _HEEL_M * feet.size:
             least = ball  # the heels never come down, or the balls never do
         out[:, p] = np.where(np.abs(out[:, p] - least) < _SAME_M * feet.size, out[:, p], least)
     return out

@@ -21,6 +21,8 @@ from muybridge.motion.contacts.find import Contacts, find_contacts, with_floor
 from muybridge.motion.contacts.foot_plan import FootPlan, plan_foot
 
 _ROUNDS = 6  # of moving the root to where both feet can be reached
+_STRAIGHT = 0.02  # bounds how much more a straight leg counts than a bent one
+_STAY = 0.3  # how much it counts that the root stays, against that a leg stays bent as it is
 _AHEAD = np.array([0.0, -1.0, 0.0])  # knees point there at rest
 
 
@@ -32,13 +34,11 @@ class PlantOptions:
         blend: seconds over which corrections fade beside a contact.
         straight: share of its length up to which a leg may be straightened, unless it is straighter already.
         root: seconds over which the root moves to where feet can be reached.
-        stretch: largest share by which a leg may be stretched to reach its foot; its knee and ankle then slide.
     """
 
     blend: float = 0.15
     straight: float = 0.99
     root: float = 0.15
-    stretch: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,10 @@ class Planted:
     """A motion with planted feet.
 
     Attributes:
-        motion: of the same skeleton; where legs were stretched, of one whose knees and ankles slide.
+        motion: of the same skeleton.
         contacts: what was planted.
         moved_root_m: metres, the farthest that the root was moved.
         moved_feet_m: metres, the farthest that an ankle was moved.
-        stretched: largest share by which a leg was stretched.
         unreached_m: metres, the farthest that an ankle is from where it should be.
     """
 
@@ -58,7 +57,6 @@ class Planted:
     contacts: Contacts
     moved_root_m: float
     moved_feet_m: float
-    stretched: float
     unreached_m: float
 
 
@@ -88,7 +86,7 @@ def plant_feet(
     if len(contacts) != len(motion):
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
     if not len(motion):
-        return Planted(motion, contacts, 0.0, 0.0, 0.0, 0.0)
+        return Planted(motion, contacts, 0.0, 0.0, 0.0)
     contacts = with_floor(contacts, feet_of_motion(motion, roles))
     world = motion.forward()
     plans = [
@@ -102,10 +100,9 @@ def plant_feet(
     for k, (leg, plan) in enumerate(zip(legs, plans, strict=True)):
         short[:, k] = _bend_leg(motion, world, turns, leg, plan, shift)
     out = _moved(motion, turns, shift, legs)
-    stretched = 0.0
     return Planted(
         out, contacts, float(np.linalg.norm(shift, axis=1).max()),
-        float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), stretched, float(np.abs(short).max()),
+        float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
     )  # fmt: skip
 
 
@@ -113,7 +110,7 @@ def _root_shift(
     world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], fps: float, options: PlantOptions
 ) -> FloatArray:
     """(T, 3) metres by which the root moves, smoothly, so that both legs reach their feet."""
-    shift = np.zeros((len(world), 3))
+    shift = _following(world, legs, plans, fps * options.root)
     hips, most = [], []
     for leg in legs:
         hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
@@ -136,6 +133,24 @@ def _root_shift(
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True) + 1e-9
         shift = shift + ahead * smooth_bound(np.linalg.norm(step, axis=1), width)[:, None]
     return shift
+
+
+def _following(world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], frames: float) -> FloatArray:
+    """(T, 3) metres by which the root follows the feet, so that legs are bent as they were: a straight leg's knee moves
+    by several times what its length changes by, so it counts the more."""
+    matrix, side = np.tile(np.eye(3), (len(world), 1, 1)), np.zeros((len(world), 3, 1))
+    for leg, plan in zip(legs, plans, strict=True):
+        hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
+        whole = np.linalg.norm(knee - hip, axis=1) + np.linalg.norm(ankle - knee, axis=1)
+        away = ankle - hip
+        far = np.linalg.norm(away, axis=1)
+        along = (away / far[:, None])[..., None]
+        share = np.clip(far / whole, 0.0, 1.0) ** 2
+        weight = (share / (1.0 - share + _STRAIGHT))[:, None, None]
+        matrix += weight * (along @ np.swapaxes(along, -1, -2) + _STAY * np.eye(3))
+        side += weight * along * (np.swapaxes(along, -1, -2) @ plan.moved[..., None])
+    shift = np.linalg.solve(matrix, side)[..., 0]
+    return gaussian_filter1d(shift, max(frames / 3, 1e-3), axis=0, mode="nearest")
 
 
 def _bend_leg(
