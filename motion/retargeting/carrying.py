@@ -33,7 +33,21 @@ def carry(source: Rig, posed: Posed, target: Rig) -> FloatArray:
             line, share, angle = twists[j]
             side_turn = driven[line[0]]
             out[:, j] = side_turn @ exp_so3(angle[:, None] * share * line[1])
+    for side in SIDES:
+        _straighten(out, target, target.roles[f"{side}_forearm"], target.roles[f"{side}_hand"])
     return out
+
+
+def _straighten(turns: FloatArray, rig: Rig, elbow: int, hand: int) -> None:
+    """Turn a forearm, in place, so that the hand is where it was before twist bones beside the bone's line turned."""
+    chain = rig.path(hand, elbow)
+    if len(chain) < 2:
+        return
+    wanted = turns[:, elbow] @ unit(rig.places[hand] - rig.places[elbow])
+    now = np.sum([turns[:, rig.parents[j]] @ (rig.places[j] - rig.places[rig.parents[j]]) for j in chain], axis=0)
+    back = swing(now / np.linalg.norm(now, axis=-1, keepdims=True), wanted)
+    below = [j for j in range(len(rig.parents)) if elbow in rig.above(j) and hand not in rig.above(j)]
+    turns[:, below] = back[:, None] @ turns[:, below]
 
 
 def _driven(source: Rig, posed: Posed, target: Rig) -> dict[int, FloatArray]:

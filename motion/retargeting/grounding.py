@@ -13,7 +13,7 @@ from muybridge.motion.contacts.feet import find_legs
 from muybridge.motion.contacts.find import ContactOptions, Contacts, find_contacts
 from muybridge.motion.contacts.floor import Floor
 from muybridge.motion.contacts.planting import Planted, PlantOptions, plant_feet
-from muybridge.motion.retargeting.alignment import swing
+from muybridge.motion.retargeting.alignment import foot_frame, swing
 from muybridge.motion.retargeting.rig import SIDES, Posed, Rig
 from muybridge.motion.retargeting.soles import Soles
 
@@ -22,6 +22,7 @@ _FEW = 10
 _JUMP, _JUMP_OF_STEPS = 0.15, 4.0  # of the leg, and of the usual largest step
 _STEPS = 400.0
 _TILT_STEP = 0.01  # radians; as for heights
+_STEEP = 0.9  # sine
 _STIFF = 1e-3  # of quaternions
 _UP = np.array([0.0, 0.0, 1.0])
 _MOST_TILT = np.radians(35)  # of a foot at rest against one that stands
@@ -108,7 +109,8 @@ def _with_stiff_toes(motion: Motion, rig: Rig) -> Motion:
 
 
 def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seconds: float) -> FloatArray:
-    """(T, K, 3, 3) with the soles level where heel and ball stand, and as far as possible as they were elsewhere.
+    """(T, K, 3, 3) with the soles level where heel and ball stand, from side to side where one of them does, and as
+    far as possible as they were elsewhere.
 
     How a foot is turned at rest against one that stands is taken from the whole take; what is left is blended.
     """
@@ -121,13 +123,28 @@ def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seco
             tilt = np.round(log_so3(swing(_UP, up)) / _TILT_STEP) * _TILT_STEP
             size = float(np.linalg.norm(tilt))
             was = was @ exp_so3(tilt * min(1.0, _MOST_TILT / max(size, 1e-9)))
-            change = log_so3(swing(was @ _UP, np.broadcast_to(_UP, (len(was), 3))))
-            was = exp_so3(blend(change, flat.astype(np.float64), fps, seconds)) @ was
+        stands = contact[:, k].any(-1)
+        if stands.any():
+            ahead = foot_frame(rig, side)[:, 0]
+            change = np.where(flat[:, None], log_so3(swing(was @ _UP, np.broadcast_to(_UP, (len(was), 3)))),
+                              _without_roll(was, ahead))  # fmt: skip
+            was = exp_so3(blend(change, stands.astype(np.float64), fps, seconds)) @ was
         change_below = was @ np.swapaxes(out[:, foot], -1, -2)
         for j in range(len(rig.parents)):
             if foot in rig.above(j):
                 out[:, j] = change_below @ out[:, j]
     return out
+
+
+def _without_roll(turns: FloatArray, ahead: FloatArray) -> FloatArray:
+    """(T, 3) rotation vectors along the feet that put them level from side to side, as a foot on heel or ball is."""
+    line = turns @ ahead
+    side = turns @ np.cross(_UP, ahead)
+    level = np.cross(_UP, line)
+    level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
+    angle = np.arctan2((np.cross(side, level) * line).sum(-1), (side * level).sum(-1))
+    steep = np.abs(line[:, 2]) > _STEEP  # a foot on end has no sides
+    return np.where(steep, 0.0, np.clip(angle, -_MOST_TILT, _MOST_TILT))[:, None] * line
 
 
 def bend_toes(motion: Motion, rig: Rig, contact: BoolArray, seconds: float) -> Motion:
