@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, log_so3, quat_from_matrix
+from muybridge.geometry.ik.two_bone import move_two_bone
+from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, log_so3, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.roles.facing import unit
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.contacts.blending import blend
+from muybridge.motion.contacts.blending import blend, smooth_bound
 from muybridge.motion.contacts.feet import find_legs
 from muybridge.motion.contacts.find import ContactOptions, Contacts, find_contacts
 from muybridge.motion.contacts.floor import Floor
@@ -22,6 +23,7 @@ _FEW = 10
 _JUMP, _JUMP_OF_STEPS = 0.15, 4.0  # of the leg, and of the usual largest step
 _STEPS = 400.0
 _TILT_STEP = 0.01  # radians; as for heights
+_LIFT_S = 0.05  # over which a foot is lifted out of the floor
 _STEEP = 0.9  # sine
 _STIFF = 1e-3  # of quaternions
 _UP = np.array([0.0, 0.0, 1.0])
@@ -163,6 +165,35 @@ def bend_toes(motion: Motion, rig: Rig, contact: BoolArray, seconds: float) -> M
         level = exp_so3(blend(change, ball.astype(np.float64), motion.fps, seconds)) @ turn
         quat[:, toe] = quat_from_matrix(np.swapaxes(world[:, rig.parents[toe]], -1, -2) @ level)
     return replace(motion, quat_wxyz=continuous_quat(quat))
+
+
+def fit_soles(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, seconds: float) -> Motion:
+    """The motion with each ankle raised or lowered such that the lowest vertex of a foot that stands is on the floor.
+
+    Planting takes feet for stiff pieces with a heel and a ball; their skin bends and has edges. Feet in the air are
+    raised where they would be in the floor.
+    """
+    if not soles.skins:
+        return motion
+    world, turns = motion.forward(), matrix_from_quat(motion.quat_wxyz)
+    parents = motion.skeleton.parents
+    for k, (side, skin) in enumerate(zip(SIDES, soles.skins, strict=True)):
+        thigh, shin, foot = (rig.roles[f"{side}_{part}"] for part in ("thigh", "shin", "foot"))
+        low, stands = skin.lowest(rig, world[..., :3, :3], world[..., :3, 3]), contact[:, k].any(-1)
+        rise = blend(-low[:, None], stands.astype(np.float64), motion.fps, seconds)[:, 0]
+        rise = np.where(stands, -low, rise)
+        deep = np.where(stands, 0.0, np.maximum(-low - rise, 0.0))
+        rise = rise + np.where(stands, 0.0, smooth_bound(deep, _LIFT_S * motion.fps))
+        hip, knee, ankle = (world[:, j, :3, 3] for j in (thigh, shin, foot))
+        ahead = world[:, thigh, :3, :3] @ np.array([0.0, -1.0, 0.0])
+        upper, lower, _ = move_two_bone((hip, knee, ankle), hip, ankle + rise[:, None] * _UP, ahead)
+        above = world[:, parents[thigh], :3, :3]
+        turns[:, thigh] = np.swapaxes(above, -1, -2) @ upper @ world[:, thigh, :3, :3]
+        above = upper @ world[:, parents[shin], :3, :3]
+        turns[:, shin] = np.swapaxes(above, -1, -2) @ lower @ world[:, shin, :3, :3]
+        above = lower @ world[:, parents[foot], :3, :3]
+        turns[:, foot] = np.swapaxes(above, -1, -2) @ world[:, foot, :3, :3]
+    return replace(motion, quat_wxyz=continuous_quat(quat_from_matrix(turns)))
 
 
 def plant(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, options: PlantOptions) -> Planted:

@@ -16,6 +16,7 @@ from muybridge.motion.retargeting.grounding import (
     Ground,
     bend_toes,
     find_ground,
+    fit_soles,
     level_feet,
     local_motion,
     plant,
@@ -102,7 +103,7 @@ def retarget(
     feet, unreached = 0.0, 0.0
     if options.plant and contact.any():
         planted = plant(moved, target, contact, soles, options.planting)
-        moved = bend_toes(planted.motion, target, contact, seconds)
+        moved = fit_soles(bend_toes(planted.motion, target, contact, seconds), target, contact, soles, seconds)
         feet, unreached = planted.moved_feet_m, planted.unreached_m
     return Retargeted(_whole(character, target, moved), ground.contacts, soles, scale, feet, unreached)
 
