@@ -20,7 +20,7 @@ from muybridge.infer.pipelines.retarget import (
 )
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.motion.retargeting.retarget import RetargetOptions
+from muybridge.motion.retargeting.solver import RetargetOptions
 
 COMMON_OPTIONS = {"retarget": ("to", "out", "map", "suggest_map", "clip_name", "overwrite")}
 

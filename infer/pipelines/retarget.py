@@ -19,7 +19,7 @@ from muybridge.motion.character.read import read_character
 from muybridge.motion.character.write import write_character_clip
 from muybridge.motion.editing.resampling import resample
 from muybridge.motion.formats.registry import FORMATS, ReadOptions, can_use, check_writable, read_file, write_file
-from muybridge.motion.retargeting.retarget import Retargeted, RetargetOptions, retarget
+from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
 from muybridge.motion.take import Take
 
 CLIPS = (".glb", ".gltf", ".vrm")  # files that take one more clip and keep all else
