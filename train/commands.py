@@ -24,8 +24,8 @@ _Network = Annotated[
 # What `--help` shows; `--help-all` shows every option.
 COMMON_OPTIONS = {
     "train": (
-        "renders", "shards", "out", "minutes", "steps", "batch", "rate", "model", "footage", "clips", "markerset",
-        "workers", "seed",
+        "renders", "scene_renders", "scenes", "shards", "out", "minutes", "images", "steps", "batch", "rate", "model",
+        "footage", "clips", "markerset", "workers", "seed",
     )
 }  # fmt: skip
 
@@ -45,7 +45,9 @@ def synth(options: Annotated[Synthesis, tyro.conf.arg(name="")]) -> None:
             "--out to make new ones"
         )
     processes = affordable_processes(MEMORY) if options.processes is None else options.processes
-    make_renders(options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes)
+    make_renders(
+        options.out, range(options.shards), options.seed, options.kinds, options.close_ups, processes, options.scenes
+    )
     if options.sheet:
         from muybridge.train.images.contact_sheet import write_sheet
 

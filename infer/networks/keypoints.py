@@ -18,7 +18,7 @@ import onnxruntime
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, with_expectation
+from muybridge.models.keypoints.decode import NO_IDEA, WITHHELD, DecodedHeatmaps, with_expectation
 from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
     MARKER_OUTPUTS,
@@ -52,7 +52,7 @@ class OnnxOptions:
             faster. By default 1, and less in a first pass over views that are all read again.
         turn: test-time augmentation of the keypoint network: people seen in part are also read smaller, crops of low
             confidence also rotated by quarter turns (people who lie or stand on their hands) and, where crops are
-            mirrored, tilted to both sides.
+            mirrored, tilted to both sides and read in a tighter box.
     """
 
     threads: int = 1
@@ -180,7 +180,7 @@ class KeypointNetwork:
         further = {}
         if markers:
             further[self.sets[1].name] = _known(card.decode_markers(markers[0], markers[1], self._flip))
-        nothing = alone.score < NO_IDEA
+        nothing = alone.score < WITHHELD
         if expected is None:
             return Located(_known(alone, nothing), visibility, further)
         sd_px = expected.sd * crops.shape[1]

@@ -1,11 +1,11 @@
-"""Test-time augmentation of crops: mirrored, smaller, rotated by quarter turns, and tilted.
+"""Test-time augmentation of crops: mirrored, smaller, rotated by quarter turns, tilted, and in a tighter box.
 
 The network is best on whole, upright people. Smaller crops help with partly visible people, quarter turns with people
-who lie or stand on their hands, and tilted crops reduce the uncertainty that remains.
+who lie or stand on their hands; tilted crops and tighter boxes reduce the uncertainty that remains.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeVar
 
 import cv2
@@ -30,8 +30,10 @@ _SIDES = ((0.5, LEAST), (0.85, 3 / 4), (0.99, 7 / 8))
 # number; another orientation is used if it lowers that by the second. Partly visible people, at a desk or at the image
 # border, are not rotated: that is why they are uncertain, and they may look like a person in any orientation.
 _UNCERTAIN, _GAIN = 2.85, 0.6
-# Crops more uncertain than this are tilted to both sides by this angle, and the mean of all three readings is used.
+# Crops more uncertain than this are also tilted to both sides by this angle, read at a smaller size and in a tighter
+# box (both relative to the crop's); the mean of all readings, each with its inverse variance as weight, is used.
 _STILL_UNCERTAIN, _TILT = 2.05, np.radians(14.0)
+_SMALLER, _TIGHTER = 3 / 4, 0.85
 
 
 class Series(NamedTuple):
@@ -54,8 +56,8 @@ def augment_at_test_time(
     """Decode crops with test-time augmentation.
 
     Crops of partly visible people are read at a smaller size. Uncertain crops are read in other orientations, which
-    replace the first reading where they are less uncertain. Crops that remain uncertain are averaged with tilted
-    readings.
+    replace the first reading where they are less uncertain. Crops that remain uncertain are merged with
+    further readings.
 
     Args:
         read: runs the network: crops of any side that is a multiple of 32, to maps.
@@ -65,7 +67,7 @@ def augment_at_test_time(
         card: of the network.
         rows: axis of the crops' pixel rows.
         series: of the crops; without, each crop stands for itself.
-        tilt: also tilt uncertain crops, which costs two more readings of each.
+        tilt: read uncertain crops again, tilted, smaller and in a tighter box: five more readings of each.
 
     Returns:
         The landmarks decoded from the final heatmaps.
@@ -89,7 +91,9 @@ def augment_at_test_time(
     sides[changed] = size
     for side in np.unique(sides[uncertain]):
         here = uncertain[sides[uncertain] == side]
-        _tilt(at_side(read, int(side), rows), crops, maps, rows, here, quarters)
+        least = min(int(side), max(crop_side(side * _SMALLER), crop_side(card.input_size * LEAST)))
+        reads = at_side(read, int(side), rows), at_side(read, least, rows)
+        _read_again(reads, crops, maps, card, rows, here, quarters)
     _update_decoded(decoded, maps, card, uncertain)
     return decoded
 
@@ -131,24 +135,55 @@ def _rotate(
     return quarters
 
 
-def _tilt(
-    read: Read[Value], crops: NDArray[Value], maps: Maps, rows: int, uncertain: IndexArray,
-    quarters: IntArray,
+def _read_again(
+    reads: tuple[Read[Value], Read[Value]], crops: NDArray[Value], maps: Maps, card: KeypointModelCard, rows: int,
+    uncertain: IndexArray, quarters: IntArray,
 ) -> None:  # fmt: skip
-    """Average the maps of the `uncertain` crops, rotated by their `quarters` (N,), with those of the same crops tilted
-    to either side, in place."""
+    """Merge the maps of the `uncertain` crops, rotated by their `quarters` (N,), with those of further readings of the
+    same crops, in place: tilted to either side, smaller, and in a tighter box at both sizes.
+
+    The logits are averaged, so that a place needs every reading's support; a reading's weight is its inverse variance,
+    the geometric mean over the landmarks of the crop.
+
+    Args:
+        reads: the network at the size of the first reading, and at a smaller one.
+        crops, maps, card, rows, uncertain, quarters: as in `augment_at_test_time`.
+    """
+    usual, smaller = reads
     upright = np.stack([np.rot90(crops[k], quarters[k], axes=(rows - 1, rows)) for k in uncertain])
-    totals = [out[uncertain] for out in maps]
-    for angle in (_TILT, -_TILT):
-        for total, found in zip(totals, read(_tilt_crops(upright, rows, angle)), strict=True):
-            if found.ndim == 2:
-                total += found
+    tighter = _magnify_crops(upright, rows)
+    views: list[tuple[Read[Value], NDArray[Value], Callable[[Float32Array], Float32Array]]] = [
+        (usual, _tilt_crops(upright, rows, _TILT), partial(_tilt_maps_back, angle=_TILT)),
+        (usual, _tilt_crops(upright, rows, -_TILT), partial(_tilt_maps_back, angle=-_TILT)),
+        (smaller, upright, lambda found: found),
+        (usual, tighter, _shrink_maps_back),
+        (smaller, tighter, _shrink_maps_back),
+    ]
+    weight = _weights(maps[0][uncertain], card)
+    totals, weights = [_weighted(out[uncertain], weight) for out in maps], weight
+    for look, shown, back in views:
+        found = [back(each) if each.ndim == 4 else each for each in look(shown)]
+        weight = _weights(found[0], card)
+        weights = weights + weight
+        for total, values in zip(totals, found, strict=True):
+            values = _weighted(values, weight)
+            if values.ndim == 2:
+                total += values
                 continue
-            back = _tilt_maps_back(found, angle)
             for k, turn in enumerate(quarters[uncertain]):
-                total[k] += np.rot90(back[k], -turn, axes=(1, 2))
+                total[k] += np.rot90(values[k], -turn, axes=(1, 2))
     for out, total in zip(maps, totals, strict=True):
-        out[uncertain] = total / 3
+        out[uncertain] = _weighted(total, 1 / weights)
+
+
+def _weights(heatmaps: Float32Array, card: KeypointModelCard) -> Float32Array:
+    """(N,) inverse variance of crops by their heatmaps (N, J, h, h), the geometric mean over the landmarks."""
+    return np.exp(-np.log(card.decode(heatmaps).variance_crop_px2).mean(axis=1)).astype(np.float32)
+
+
+def _weighted(values: Float32Array, weight: Float32Array) -> Float32Array:
+    """Each of N arrays times its weight (N,)."""
+    return np.asarray(values * weight.reshape(-1, *[1] * (values.ndim - 1)), dtype=np.float32)
 
 
 def _tilt_crops(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value]:
@@ -179,6 +214,22 @@ def _bilinear(size: int, angle: float) -> tuple[IndexArray, Float32Array]:
     across, down = (np.stack([1 - (at - low), at - low]) for at, low in ((x, left), (y, top)))
     weights = np.stack([down[dv] * across[du] for dv in (0, 1) for du in (0, 1)]).astype(np.float32)
     return cells, weights
+
+
+def _magnify_crops(crops: NDArray[Value], rows: int) -> NDArray[Value]:
+    """The middle of crops, as in a box that is smaller by `_TIGHTER`, at the crops' size."""
+    size = crops.shape[rows]
+    shift = (size - 1) / 2 * (1 - 1 / _TIGHTER)
+    matrix = np.array([[1 / _TIGHTER, 0, shift], [0, 1 / _TIGHTER, shift]])
+    return _redraw(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
+
+
+def _shrink_maps_back(maps: Float32Array) -> Float32Array:
+    """Heatmaps (N, J, h, h) of `_magnify_crops`, resampled to the whole crop: linear between cell centres, the nearest
+    cell beyond the border."""
+    cells = maps.shape[-1]
+    middle = (cells - 1) / 2
+    return _resampled(maps, (np.arange(cells) - middle) / _TIGHTER + middle)
 
 
 def _neighbours_in_series(uncertain: IndexArray, series: Series | None) -> tuple[IndexArray, IndexArray]:
@@ -271,7 +322,12 @@ def _redraw(crops: NDArray[Value], rows: int, draw: Callable[[NDArray[Value]], N
 def _enlarge(maps: Float32Array, cells: int) -> Float32Array:
     """Maps (N, J, h, h) resampled to `cells` cells per side: linear between cell centres, the nearest cell beyond the
     outermost."""
+    return _resampled(maps, (np.arange(cells) + 0.5) * maps.shape[-1] / cells - 0.5)
+
+
+def _resampled(maps: Float32Array, at: FloatArray) -> Float32Array:
+    """Maps (N, J, h, h) at the rows and columns `at` (n,), which may lie beyond the outermost cells."""
     have = maps.shape[-1]
-    at = np.clip((np.arange(cells) + 0.5) * have / cells - 0.5, 0, have - 1)
+    at = np.clip(at, 0, have - 1)
     weights = np.maximum(0, 1 - np.abs(at[:, None] - np.arange(have))).astype(np.float32)
     return np.asarray(weights @ maps @ weights.T, dtype=np.float32)

@@ -16,7 +16,6 @@ from muybridge.motion.contacts.plates import plate_loads, weigh_feet
 from muybridge.motion.contacts.probability import SHIFT_S, standing_probability
 from muybridge.motion.formats.points.c3d import C3DTake
 
-
 _PIECE_S = 0.2  # a shorter piece of a contact that was cut is no contact
 _HIGHEST_M = 0.08  # that heels and balls are over a floor that is known
 
@@ -32,15 +31,15 @@ class ContactOptions:
         leave: probability under which it ends.
         shortest: seconds of a contact, and of the gap between two of one point; shorter ones are dropped.
         height: metres over where it rests that a point stands no more, besides noise.
-        creep: metres that a point may be from the middle of its contact, besides the noise; a contact is cut where it moves
-            the fastest until none is.
+        creep: metres that a point may be from the middle of its contact, besides the noise; a contact is cut where it
+            moves the fastest until none is.
         smoothing: seconds, standard deviation of a Gaussian over the positions before velocities are taken.
     """
 
     floor: Floor | None = None
     slope: bool = False
     enter: float = 0.5
-    leave: float = 0.3
+    leave: float = 0.4
     shortest: float = 0.06
     height: float = 0.045
     creep: float = 0.025
@@ -130,26 +129,32 @@ def find_contacts(
         clearance = np.clip(clearance, 0, _HIGHEST_M * feet.size)
         floor = options.floor
     heights = floor.heights(feet.places) - clearance
-    frames = len(heights)
-    flat = (frames, 4)
-    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), shift.reshape(flat),
-                                        feet.sigma.reshape(flat), feet.fps, feet.size)  # fmt: skip
-    probability = found.reshape(frames, 2, 2)
+    found, noise = _probability(feet, heights, velocity, shift)
     loads = plate_loads(plates) if plates is not None else ()
-    weighed = [weigh_feet(probability, feet.places, load) for load in loads]
-    none = np.zeros(probability.shape, np.bool_)
+    weighed = [weigh_feet(found, feet.places, load) for load in loads]
+    none = np.zeros(found.shape, np.bool_)
     stands, free = (np.logical_or.reduce([none, *(each[k] for each in weighed)]) for k in (0, 1))
-    probability = np.where(free & ~stands, 0.0, probability)
-    contact = np.zeros(probability.shape, np.bool_)
+    found = np.where(free & ~stands, 0.0, found)
+    contact = np.zeros(found.shape, np.bool_)
     for k in range(2):
         for p in range(2):
-            held = _with_hysteresis(probability[:, k, p], options, feet.fps)
+            held = _with_hysteresis(found[:, k, p], options, feet.fps)
             held &= ~(heights[:, k, p] > options.height * feet.size + noise)
             most = options.creep * feet.size + noise
             still = _still(held, smooth[:, k, p], most, round(_PIECE_S * feet.fps))
             contact[:, k, p] = without_short_runs(still, round(options.shortest * feet.fps))
-    probability = np.where(stands, 1.0, probability)
-    return Contacts(contact | stands, feet.fps, floor, probability, clearance, noise, len(loads))
+    found = np.where(stands, 1.0, found)
+    return Contacts(contact | stands, feet.fps, floor, found, clearance, noise, len(loads))
+
+
+def _probability(
+    feet: FootPoints, heights: FloatArray, velocity: FloatArray, shift: FloatArray
+) -> tuple[FloatArray, float]:
+    """(T, 2, 2) that heels and balls stand, and the noise that was assumed."""
+    flat = (len(heights), 4)
+    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), shift.reshape(flat),
+                                        feet.sigma.reshape(flat), feet.fps, feet.size)  # fmt: skip
+    return found.reshape(heights.shape), noise
 
 
 def without_short_runs(contact: BoolArray, shortest: int) -> BoolArray:

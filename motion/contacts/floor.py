@@ -57,7 +57,7 @@ def find_floor(feet: FootPoints, speed: FloatArray, slope: bool = False) -> tupl
     rest = _resting_heights(feet, flat, slow)
     if not slope or not np.isfinite(rest).all():
         return _put(flat, rest)
-    for turn in range(5):
+    for turn in range(5):  # at first by all slow frames, then by those near the floor
         near = slow & (np.abs(flat.heights(feet.places) - rest) < _NEAR_M * feet.size)
         near = near if turn else slow
         gradient = _gradient(feet.places, rest, near)

@@ -64,7 +64,9 @@ def plate_loads(take: C3DTake) -> tuple[PlateLoad, ...]:
         columns = [] if vertical is None else channels[vertical, k].astype(int) - 1
         if not len(columns) or min(columns) < 0 or max(columns) >= analog.values.shape[1]:
             continue
-        force = _force_at_frames(analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world))
+        force = _force_at_frames(
+            analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world)
+        )
         out.append(PlateLoad(corners[:, :, k].T / 1e3, force))
     return tuple(out)
 
@@ -81,8 +83,8 @@ def _force_at_frames(samples: FloatArray, per_frame: float, frames: int) -> Floa
 def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> tuple[BoolArray, BoolArray]:
     """(T, 2, 2) which heels and balls a plate shows to stand, and which it shows not to.
 
-    A foot over the plate does not stand while the plate is unloaded. While it is loaded and only one foot is over it,
-    that foot stands, on whichever of its points is the more probable.
+    A foot over the plate does not stand while the plate is unloaded. While it is loaded, the foot over it stands, the
+    more probable of two, on whichever of its points is the more probable.
 
     Args:
         probability: (T, 2, 2)
@@ -94,6 +96,8 @@ def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> 
     here, loaded = places[:count], load.loaded[:count]
     free[:count] = (load.carries(here, _INSIDE_M).all(-1) & ~loaded[:, None])[..., None]
     over = load.carries(here, _OVER_M).any(-1)
-    frames, feet = np.nonzero(over & ~over[:, ::-1] & loaded[:, None])
+    likely = probability[:count].max(-1)
+    ahead = ~over[:, ::-1] | (likely > likely[:, ::-1])  # of a foot that only swings over the plate
+    frames, feet = np.nonzero(over & ahead & loaded[:, None])
     stands[frames, feet, probability[frames, feet].argmax(-1)] = True
     return stands, free

@@ -12,8 +12,9 @@ from scipy.special import logsumexp
 
 from muybridge.arrays import FloatArray
 
-# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise; Student's t of NU.
-_HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.06, 0.008
+# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise. Speed
+# and way are Student's t of NU.
+_HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.055, 0.008
 _NU = 12.0
 SHIFT_S = 0.1  # seconds over which a foot that creeps shows
 # Swinging: heights from the floor up, and velocity a coordinate, by a mixture of slow and fast.
@@ -24,7 +25,7 @@ _BELOW_M = 0.004  # how far under the floor a swinging point may be, besides noi
 # Mean durations, seconds.
 _STANCE_S, _SWING_S = 0.8, 0.4
 # Noise of positions, metres, and how fast it changes: velocity over position, 1/s, of the demo's landmarks.
-LADDER_M = (0.0, 0.003, 0.006, 0.009, 0.013)
+LADDER_M = (0.0, 0.003, 0.006, 0.009)
 NOISE_RATE = 9.0
 
 
@@ -41,7 +42,7 @@ def standing_probability(
         fps: frames per second.
         size: of the body against an adult's.
     """
-    given = np.isfinite(sigma).mean() > 0.5
+    given = bool(sigma.size) and np.isfinite(sigma).mean() > 0.5
     ladder = (float(np.nanmedian(sigma)),) if given else tuple(n * size for n in LADDER_M)
     best, likelihood, noise = np.zeros(heights.shape), -np.inf, 0.0
     for level in ladder:

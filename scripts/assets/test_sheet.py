@@ -22,10 +22,12 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.models.keypoints.decode import NO_IDEA
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.evaluate import load_model, read_crops
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 CASES, COLUMNS, TILE = 60, 10, 192
 LEFT, RIGHT, MIDDLE = (255, 140, 0), (0, 150, 255), (120, 255, 120)

@@ -17,12 +17,14 @@ import onnx
 from muybridge.errors import ModelError
 from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.images.compositor import WHOLE, Compositor
+from muybridge.train.images.compositor import Compositor
 from muybridge.train.images.dataset import HELD_OUT
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.evaluate import load_model
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, write_keypoints
 from muybridge.train.keypoints.train import evaluate
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 from scripts.networks.prune import prune
 
 SEED = 30_000

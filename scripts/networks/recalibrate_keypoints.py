@@ -28,8 +28,9 @@ from muybridge.models.onnx_files.import_weights import keypoint_net_from_onnx
 from muybridge.models.onnx_files.quantization import int8_path, quantize
 from muybridge.train.engine.export import dated_version
 from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.evaluate import load_model, read_batch
 from muybridge.train.keypoints.export import CALIBRATION_IMAGES, calibration
 from muybridge.train.keypoints.train import evaluate
@@ -40,7 +41,8 @@ from muybridge.train.keypoints.variance_calibration import (
     fit_ratio,
     read_held_out,
 )
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 # Seed of the crops and their backgrounds, different from any training's and evaluation's.
 SEED = 20_000

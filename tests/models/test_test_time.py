@@ -26,9 +26,9 @@ def spotted(network: KeypointNetwork, places: list[tuple[int, int]]) -> ByteArra
 def network(monkeypatch: pytest.MonkeyPatch) -> KeypointNetwork:
     """A network that finds a spot in the upper third of a crop, and is sure of nothing else."""
     opened = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False))
-    cells = opened.crop_size // opened.card.stride
 
     def look(self: KeypointNetwork, crops: ByteArray) -> list[Float32Array]:
+        cells = crops.shape[1] // opened.card.stride
         small = crops[..., 0].reshape(len(crops), cells, opened.card.stride, cells, -1).mean(axis=(2, 4)) / 255
         sees = small[:, : cells // 3].max(axis=(1, 2)) > 0.5
         maps = np.where(sees[:, None, None], 30 * small, 0.1 * small).astype(np.float32)
@@ -133,11 +133,11 @@ def test_tilted_maps_are_resampled_to_their_place() -> None:
 
 
 @pytest.mark.parametrize("quarters", range(4))
-def test_uncertain_crops_are_the_mean_of_three_readings(quarters: int) -> None:
+def test_uncertain_crops_are_the_mean_of_all_readings(quarters: int) -> None:
     """Crops that only their own orientation makes known to the network, which is never sure of anything: it sees them
     turned and tilted, and its maps come back to where the spots are."""
     card = KeypointNetwork(shipped_model("keypoints"), OnnxOptions()).card
-    size, cells = card.input_size, card.input_size // card.stride
+    size = card.input_size
     upright = np.zeros((1, size, size, 3), np.uint8)
     upright[0, 20:32, 104:116] = 255  # at the top: the network's own way up
     upright[0, 150:162, 60:72] = 90
@@ -145,9 +145,10 @@ def test_uncertain_crops_are_the_mean_of_three_readings(quarters: int) -> None:
     shown: list[float] = []
 
     def look(crops: ByteArray) -> list[Float32Array]:
-        small = crops[..., 0].reshape(len(crops), cells, card.stride, cells, -1).mean(axis=(2, 4)) / 255
-        shown.extend(small[:, : cells // 4].sum(axis=(1, 2)))
-        known = small[:, : cells // 4].max(axis=(1, 2)) > 0.5
+        here = crops.shape[1] // card.stride
+        small = crops[..., 0].reshape(len(crops), here, card.stride, here, -1).mean(axis=(2, 4)) / 255
+        shown.extend(small[:, : here // 4].sum(axis=(1, 2)))
+        known = small[:, : here // 4].max(axis=(1, 2)) > 0.5
         maps = np.where(known[:, None, None], 7 * small, small).astype(np.float32)
         return [np.repeat(maps[:, None], 23, axis=1), known[:, None].repeat(23, 1).astype(np.float32)]
 
@@ -157,10 +158,11 @@ def test_uncertain_crops_are_the_mean_of_three_readings(quarters: int) -> None:
     shown.clear()
     tilted = [m.copy() for m in first]
     found = augment_at_test_time(look, crop, tilted, card, rows=1, tilt=True)
-    assert len(shown) == 5  # three quarters and, of the best of the four, two tilts
+    # Three quarters and, of the best of the four: two tilts, smaller, and in a tighter box at both sizes.
+    assert len(shown) == 8
     np.testing.assert_allclose(found.points_crop_px, alone.points_crop_px, atol=2.5)
     assert not np.allclose(tilted[0], plain[0]) and np.corrcoef(tilted[0].ravel(), plain[0].ravel())[0, 1] > 0.9
-    np.testing.assert_allclose(tilted[1], 1.0)  # the mean of three looks at somebody known
+    np.testing.assert_allclose(tilted[1], 1.0)  # the mean of looks at somebody known
 
 
 def test_crops_are_tilted_where_they_are_mirrored_too(network: KeypointNetwork, looked: list[int]) -> None:
@@ -170,4 +172,36 @@ def test_crops_are_tilted_where_they_are_mirrored_too(network: KeypointNetwork, 
     looked.clear()
     network._flip = True
     network.locate(spotted(network, places))
-    assert looked == [2, 1, 1, 1, 1, 1]
+    assert looked == [2, 1, 1, 1, 1, 1, 1, 1, 1]
+
+
+def test_maps_of_a_tighter_box_come_back_to_their_place() -> None:
+    size = 224
+    y, x = np.indices((size, size))
+    blob = (200 * np.exp(-((x - 150) ** 2 + (y - 90) ** 2) / (2 * 8.0**2))).astype(np.float32)
+    for rows, crops in ((1, blob[None, ..., None]), (2, blob[None, None])):
+        tighter = turning._magnify_crops(crops, rows)
+        assert tighter.shape == crops.shape
+        maps = np.ascontiguousarray(tighter if rows == 2 else tighter.transpose(0, 3, 1, 2))
+        middle = (size - 1) / 2
+        there = middle + (np.array([150, 90]) - middle) / turning._TIGHTER
+        np.testing.assert_allclose([(maps[0, 0] * axis).sum() / maps[0, 0].sum() for axis in (x, y)], there, atol=0.05)
+        np.testing.assert_allclose(turning._shrink_maps_back(maps)[0, 0], blob, atol=2)
+
+
+def test_hidden_landmarks_have_a_large_variance_and_only_unknown_ones_are_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Maps with a share of 0.03, 0.07 and 0.15 of the probability at one place."""
+    network = KeypointNetwork(shipped_model("keypoints"), OnnxOptions(flip=False, turn=False))
+    cells = network.crop_size // network.card.stride
+    maps = np.zeros((1, 23, cells, cells), np.float32)
+    for landmark, share in enumerate((0.03, 0.07, 0.15)):
+        maps[0, landmark, 30, 20] = np.log(share * cells**2 / (1 - share))
+    maps[0, 3:, 30, 20] = 20
+    monkeypatch.setattr(KeypointNetwork, "__call__", lambda *_: [maps, np.zeros((1, 23), np.float32)])
+    found = network.locate(np.zeros((1, network.crop_size, network.crop_size, 3), np.uint8)).found
+    assert np.isfinite(found.points_crop_px[0, :, 0]).tolist() == [False, True, True] + [True] * 20
+    assert found.score[0, 0] == 0 and np.isnan(found.variance_crop_px2[0, 0])
+    hidden, _, sure = np.sqrt(found.variance_crop_px2[0, 1:4])
+    assert hidden > network.crop_size / 8 and sure < 4

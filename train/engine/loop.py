@@ -4,8 +4,11 @@ import json
 import os
 import pathlib
 import platform
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -165,6 +168,7 @@ class TrainingRun:
         self.optimiser = Optimisers(net, options.rate, muon=options.muon)
         self.average = AveragedWeights(self.net, share=options.average)
         self.state: dict[str, Any] = {"step": 0} | (history or TrainingHistory())._asdict()
+        self.scores: dict[str, float] = {}
         if resumes(options):
             self._resume()
         log_line(self.log, {"options": {k: str(v) for k, v in asdict(options).items()}} | machine_facts() | self.state)
@@ -184,13 +188,13 @@ class TrainingRun:
         if self.optimiser.accepts(saved.get("optimiser")):
             self.optimiser.load_state_dict(saved["optimiser"])
         self.average.state = saved["average"]
-        self.state = saved["state"]
+        self.state, self.scores = saved["state"], saved.get("scores", {})
 
     def run(
         self, stream: Iterator[Any], loss_of: Callable[[nn.Module, Any], tuple[Tensor, Tensor]],
         worker: GradientWorker | None = None,
     ) -> None:  # fmt: skip
-        """Train for `options.minutes`, or `options.steps`.
+        """Train for `options.minutes`, or `options.steps`, or until the run has `options.all_steps`.
 
         Args:
             stream: batches: tuples that begin with the images.
@@ -200,12 +204,13 @@ class TrainingRun:
         Raises:
             SessionError: training diverged; the last checkpoint stays.
         """
-        steps, start = self.options.steps, time.monotonic()
+        steps, start = self.options.all_steps or self.options.steps, time.monotonic()
         budget = self.options.minutes * 60 if steps is None else float(steps)
-        earlier_seconds, first = self.state["seconds"], self.state["step"]
+        first = 0 if self.options.all_steps else self.state["step"]
+        earlier_seconds = self.state["seconds"]
         rate, losses, saved_at = Throughput(self.state["images"]), [], start
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        with Progress(*columns, transient=True) as progress:
+        with Progress(*columns, transient=True) as progress, terminated_like_interrupted():
             bar = progress.add_task("training", total=budget)
             try:
                 while True:
@@ -225,6 +230,7 @@ class TrainingRun:
                         losses, saved_at = [], time.monotonic()
             except KeyboardInterrupt:
                 print("interrupted; saving a checkpoint", flush=True)
+                self._write(self.scores)  # at once: scoring takes a while, for which nobody may wait
                 self._save(losses, rate)
                 raise
         self._save(losses, rate)
@@ -261,15 +267,19 @@ class TrainingRun:
         net.load_state_dict(self.average.state)
         return to_training_device(net).eval()
 
-    def _save(self, losses: list[float], rate: "Throughput") -> None:
-        speed = rate(self.state["images"])
-        self._raise_if_diverged(not all(bool(w.isfinite().all()) for w in self.net.parameters()))
-        scores = self.score(self.averaged())
+    def _write(self, scores: dict[str, float]) -> None:
+        """Write the checkpoint."""
         save_checkpoint(self.checkpoint, {
             "net": self.net.state_dict(), "optimiser": self.optimiser.state_dict(), "average": self.average.state,
             "state": dict(self.state), "config": self.net.config, "scores": scores,
             "options": {k: str(v) for k, v in asdict(self.options).items()},
         })  # fmt: skip
+
+    def _save(self, losses: list[float], rate: "Throughput") -> None:
+        speed = rate(self.state["images"])
+        self._raise_if_diverged(not all(bool(w.isfinite().all()) for w in self.net.parameters()))
+        self.scores = scores = self.score(self.averaged())
+        self._write(scores)
         if not losses:  # nothing new since the last save
             return
         loss = float(np.mean(losses))
@@ -279,6 +289,23 @@ class TrainingRun:
         minutes = self.state["seconds"] / 60
         print(f"{self.state['images']:>9,} images {minutes:6.1f} min  loss {loss:.3f}  {figures}  {speed:.0f} images/s",
               flush=True)  # fmt: skip
+
+
+@contextmanager
+def terminated_like_interrupted() -> Iterator[None]:
+    """Let the signal that ends processes (SIGTERM) raise KeyboardInterrupt while the block runs."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # only that one may handle signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def to_training_device(net: nn.Module) -> nn.Module:

@@ -56,6 +56,11 @@ class Training:
     backgrounds: int = 5000
     seed: int = 0
 
+    @property
+    def all_steps(self) -> int | None:
+        """Number of steps of the whole run, over all calls, if that is given."""
+        return None
+
     # Whether the network needs renders of whole people (close-ups cannot be used).
     whole_people: ClassVar[bool] = False
 
@@ -81,3 +86,39 @@ class Training:
     def worthwhile_minutes(self) -> float:
         """How long the training takes, to decide what pays: a step is taken to last half a second."""
         return self.minutes if self.steps is None else self.steps / 120
+
+
+@dataclass(frozen=True)
+class ImageTraining(Training):
+    """Training on images of people.
+
+    Attributes:
+        scene_renders: folders of further render stores to train on beside `renders`, such as of scenes of people and
+            things. The first four shards of each are held out as well. Stores that still grow come last.
+        scenes: share of the people who are drawn from renders of scenes, if there are any.
+        images: number of images of the whole run, over all calls, in place of `minutes`: an interrupted run continues
+            with the learning rate that it had.
+    """
+
+    scene_renders: tuple[pathlib.Path, ...] = ()
+    scenes: float = 0.5
+    images: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.scenes <= 1:
+            raise SessionError(f"--scenes {self.scenes:g}: must be a share of the people, from 0 to 1")
+        if self.images is not None and self.images < 1:
+            raise SessionError(f"--images {self.images}: must be at least 1")
+        if self.images is not None and self.steps is not None:
+            raise SessionError("--images and --steps: both say how long to train; give one of them")
+
+    @property
+    def all_steps(self) -> int | None:
+        """Number of steps of the whole run, if the number of images is given."""
+        return None if self.images is None else -(-self.images // self.batch)
+
+    @property
+    def worthwhile_minutes(self) -> float:
+        """As for every training."""
+        return super().worthwhile_minutes if self.all_steps is None else self.all_steps / 120

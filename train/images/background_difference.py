@@ -6,6 +6,7 @@ at the person detector's resolution, so it is coarser than a crop, noisy, and co
 """
 
 import math
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
@@ -55,18 +56,26 @@ class BackgroundDifferences:
         y, x = np.mgrid[:size, :size] - (size - 1) / 2
         return np.asarray(x * np.cos(angle) + y * np.sin(angle) > offset, np.float32)
 
-    def difference(self, image: Tensor, plate: Tensor, static: Tensor, light: Float32Array) -> Tensor:
+    def difference(
+        self, image: Tensor, plate: Tensor, static: Tensor, light: Float32Array,
+        slopes: Mapping[int, Float32Array] | None = None,
+    ) -> Tensor:  # fmt: skip
         """(B, 1, S, S) uint8: mean over RGB of |image - plate| in 0..1, times 255, as coarse and noisy as in use.
 
         Args:
             image, plate: (B, 3, S, S) in 0..1 before camera faults.
             static: (B, 1, S, S) as in `add_people`.
             light: (B, 3) relative red, green and blue light that reaches the camera.
+            slopes: of some crops, by their number, (3, 3) how a camera without or with faded colours mixes differences
+                of colours.
         """
         rng, count, size = self.rng, len(image), image.shape[-1]
         flicker = np.exp(rng.normal(0, 0.02, count)) * (rng.random(count) < 0.5)
         model = plate * torch.from_numpy(np.where(flicker > 0, flicker, 1).astype(np.float32)).view(-1, 1, 1, 1)
-        apart = (image - model).abs_()
+        apart = image - model
+        for i, slope in (slopes or {}).items():
+            apart[i] = torch.einsum("dc,chw->dhw", torch.from_numpy(slope), apart[i])
+        apart.abs_()
         raw = ((apart[:, 0] + apart[:, 1] + apart[:, 2]).div_(3) * (1 - static[:, 0])).numpy()
         # Cameras set the exposure before anything is compared.
         level = image.mean((1, 2, 3)).numpy().clip(1e-3)

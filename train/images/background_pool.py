@@ -12,9 +12,10 @@ from muybridge.files import replacing
 from muybridge.train.engine.process_pool import affordable_processes, map_in_processes
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.synthesis.bodies.body_model import BodyModel
+from muybridge.train.synthesis.rendering.framing import SIZE
 from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.rooms import VIEWS_EACH, make_room_pictures
-from muybridge.train.synthesis.rendering.store import MEMORY, SIZE
+from muybridge.train.synthesis.rendering.store import MEMORY
 
 # Images made at once: whole rooms.
 _PART = 16 * VIEWS_EACH

@@ -136,6 +136,39 @@ class CameraFaults:
         for i in np.nonzero(rng.random(count) < 0.08)[0]:
             image[i] *= 1 + band[i] * torch.sin(waves[i] * y + 1.0)  # varies over rows only
 
+    def resample(self, pixels: Tensor, far: float, crisp: float) -> None:
+        """Show people of (B, 3, H, W) uint8 crops as small in the picture, and sharpened in a large one; in place.
+
+        Args:
+            pixels: the crops.
+            far: share of people of 40 to 150 px, enlarged to the crop as in use, with what compression left of them.
+            crisp: share of pictures sharpened by the camera, then made smaller.
+        """
+        if not far and not crisp:
+            return
+        chance = self.rng.random(len(pixels))
+        for i in np.flatnonzero(chance < far + crisp):
+            picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
+            small = self._far(picture) if chance[i] < far else self._crisp(picture)
+            pixels[i] = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)))
+
+    def _far(self, picture: ByteArray) -> ByteArray:
+        """(S, S, 3) from a picture in which the person is small: four fifths of the crop."""
+        rng, side = self.rng, picture.shape[0]
+        wanted = np.exp(rng.uniform(np.log(40), np.log(150))) / 0.8
+        low = max(8, round(min(1.0, wanted / side) * side))
+        small = np.asarray(cv2.resize(picture, (low, low), interpolation=cv2.INTER_AREA), np.uint8)
+        if rng.random() < 0.5:  # sharpened by the camera
+            small = _sharpened(small, float(rng.uniform(0.3, 1.2)), 0.8)
+        noise = self.grain(small.size).numpy().reshape(small.shape) * min(14.0, float(rng.gamma(1.2, 3.0)))
+        small = (small + noise).clip(0, 255).astype(np.uint8)
+        if rng.random() < 0.7:
+            small = through_jpeg(small, int(rng.uniform(25, 95)))
+        return np.asarray(cv2.resize(small, (side, side), interpolation=cv2.INTER_LINEAR), np.uint8)
+
+    def _crisp(self, picture: ByteArray) -> ByteArray:
+        return _sharpened(picture, float(self.rng.uniform(0.8, 2.5)), float(self.rng.uniform(0.6, 1.3)))
+
     def compress(self, pixels: Tensor) -> Tensor:
         """Bayer mosaic, H.264 and JPEG for some of (B, 3, H, W) uint8, in place."""
         bayer, codec = self.rng.random(len(pixels)) < 0.1, self.rng.random(len(pixels))
@@ -145,9 +178,7 @@ class CameraFaults:
             if codec[i] < 0.03 and not (picture.shape[0] % 2 or picture.shape[1] % 2):
                 picture = through_h264(picture, int(self.rng.uniform(24, 42)))
             elif codec[i] < 0.35:
-                quality = int(self.rng.uniform(15, 85))
-                _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-                picture = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR))
+                picture = through_jpeg(picture, int(self.rng.uniform(15, 85)))
             pixels[i] = torch.from_numpy(picture.transpose(2, 0, 1).copy())
         return pixels
 
@@ -176,6 +207,18 @@ def through_bayer(picture: ByteArray) -> ByteArray:
     mosaic[0::2, 0::2] = picture[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = picture[1::2, 1::2, 2]
     return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB), np.uint8)
+
+
+def _sharpened(picture: ByteArray, strength: float, sigma: float) -> ByteArray:
+    """(H, W, 3) with its edges exaggerated, with halos, as phones do."""
+    soft = cv2.GaussianBlur(picture, (0, 0), sigma)
+    return np.asarray(cv2.addWeighted(picture, 1 + strength, soft, -strength, 0), np.uint8)
+
+
+def through_jpeg(picture: ByteArray, quality: int) -> ByteArray:
+    """(H, W, 3) compressed with this quality, 0 to 100."""
+    _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), np.uint8)
 
 
 def through_h264(picture: ByteArray, quantiser: int) -> ByteArray:

@@ -18,63 +18,21 @@ from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.background_difference import BackgroundDifferences
 from muybridge.train.images.backgrounds import sample_backdrop
 from muybridge.train.images.clutter import add_clutter, tile_by_mirroring
-from muybridge.train.images.compositing import BaseCompositor
-from muybridge.train.images.occlusion import draw_occluders, pixelate_faces, truncate
+from muybridge.train.images.compositing import BaseCompositor, touched_sides
+from muybridge.train.images.film import Film, develop, sample_films
+from muybridge.train.images.occlusion import (
+    draw_occluders,
+    frame_people,
+    loosen,
+    map_borders,
+    pixelate_faces,
+    truncate,
+)
+from muybridge.train.images.options import AugmentOptions
 from muybridge.train.synthesis.rendering.close_ups import BORDER, OCCLUDER, cut_boxes, map_cuts
 from muybridge.train.synthesis.rendering.store import RenderSet
 
 MIRROR = np.array([*BODY23.mirror, *(len(BODY23) + i for i in SURFACE.mirror)])
-
-
-@dataclass(frozen=True)
-class AugmentOptions:
-    """Probabilities and standard deviations of the augmentation.
-
-    Attributes:
-        padding: side of the crop relative to the longer side of the person's bounding box.
-        scale_sd: standard deviation of the logarithm of the person's size in the crop.
-        shift_sd: standard deviation of the person's position, as a share of the crop.
-        rotation_sd_deg: standard deviation of the roll that remains after gravity alignment.
-        tumble: share of crops rolled by any angle up to 60 degrees.
-        second_person: share of crops with another person beside the subject.
-        embrace: share of crops with another person right behind or in front of the subject, as in a hold, whose limbs
-            show where the subject's own are hidden. A network trained with it on crops of one size fails at others
-            (docs/development/training-log.md).
-        occluder: share of crops with objects in front of the person.
-        mosaic: share of crops with a pixelated face.
-        truncate: share of crops that extend over the image border (black there).
-        close_up: share of crops that frame part of a person, see `close_ups`.
-        clutter: share of crops with objects behind the person, see `clutter`.
-        plate: share of crops with the difference to the background model, see `background_difference`.
-        backdrop: share of crops in front of a curtain, a screen or a bare wall, see `backgrounds`.
-        dark: share of underexposed crops, down to a tenth of the light.
-        tinted: share of crops in coloured light that no white balance removed.
-        monochrome: share of crops from a camera without colour.
-        faults: add camera faults, see `camera_faults`.
-    """
-
-    padding: float = 1.25
-    scale_sd: float = 0.12
-    shift_sd: float = 0.045
-    rotation_sd_deg: float = 7.0
-    tumble: float = 0.06
-    second_person: float = 0.22
-    embrace: float = 0.12
-    occluder: float = 0.35
-    mosaic: float = 0.08
-    truncate: float = 0.12
-    close_up: float = 0.1
-    clutter: float = 0.5
-    plate: float = 0.5
-    backdrop: float = 0.08
-    dark: float = 0.05
-    tinted: float = 0.08
-    monochrome: float = 0.08
-    faults: bool = True
-
-
-# For scores and for fitting variances: whole people, without the rarer difficulties.
-WHOLE = AugmentOptions(close_up=0, embrace=0, backdrop=0, dark=0, tinted=0, monochrome=0)
 
 
 @dataclass(frozen=True)
@@ -141,8 +99,8 @@ class Compositor(BaseCompositor):
         self.differences = BackgroundDifferences(np.random.default_rng([seed, 1]))
 
     def batch(self, count: int, index: IndexArray | None = None) -> Batch:
-        """`count` crops of random renders, or of the renders `index`."""
-        index = self.rng.integers(0, len(self.renders), count) if index is None else index
+        """`count` crops of random renders, or of the renders `index`, which must show people."""
+        index = self.people[self.rng.integers(0, len(self.people), count)] if index is None else index
         parts = [self._few(index[i : i + _AT_ONCE]) for i in range(0, count, _AT_ONCE)]
         return Batch(*(torch.cat(arrays) for arrays in zip(*parts, strict=True)))
 
@@ -151,44 +109,84 @@ class Compositor(BaseCompositor):
         rng, opt, count = self.rng, self.options, len(index)
         made = self.renders.cut_px[index]
         box, lines = cut_boxes(rng, self.renders.box_px[index], opt.close_up, made)
-        matrix, flip = self._placement(box)
+        box, borders = frame_people(rng, box, opt.framed, np.isnan(lines[:, 0]))
+        # Pictures are rotated upright where the camera's roll is known, and left as they are elsewhere.
+        upright = np.isfinite(borders).any(1) & (rng.random(count) < 0.6) if opt.framed else None
+        self._end_with_render(index, borders)
+        matrix, flip = self._placement(loosen(rng, box, opt.loose), upright=upright)
         cuts = map_cuts(rng, lines, matrix, np.isfinite(made[:, 0]))
+        frames = map_borders(borders, matrix)
         person, landmarks, visible = self._warp(index, matrix, flip)
         plate = self._background(count, opt.clutter)
         lit = self._backdrops(plate)
-        shade = person[:, 4:] * self._column(rng.uniform(0, 0.6, count))
-        image = torch.addcmul(plate, plate, shade, value=-1)
-        chance = rng.random(count) if len(self.whole) else np.ones(count)
-        other, close = chance < opt.second_person + opt.embrace, chance >= opt.second_person
-        in_front = rng.random(count) < 0.4
-        front = self._second_person(image, other, close, in_front) if other.any() else None
-        image.mul_(1 - person[:, 3:4]).add_(person[:, :3])
-        if front is not None:
-            visible &= ~(self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5)
-            image.mul_(1 - front[:, 3:4]).add_(front[:, :3])
-        occluders = draw_occluders(image, opt.occluder, self._background, rng)
-        visible = visible & ~(self._alpha_at(occluders, landmarks) > 0.5)
-        before = torch.from_numpy(occluders)[:, None]
-        pixelate_faces(image, landmarks, opt.mosaic, rng)
-        visible = visible & ~cuts.hidden(landmarks)
+        image, before, hidden = self._compose(person, plate, landmarks, self.is_scene[index])
+        visible &= ~hidden & ~cuts.hidden(landmarks) & ~frames.hidden(landmarks)
         for i in cuts.chosen(OCCLUDER):
             mask = torch.from_numpy(cuts.mask(i, self.size))
             image[i, :, mask] = self._background(1)[0, :, mask]
             before[i, :, mask] = 1
         light = self._light(count)
-        difference = self._difference(image, plate, person, before, light)
+        films = sample_films(rng, count, (opt.monochrome, opt.toned, opt.faded))
+        difference = self._difference(image, plate, person, before, light, films)
         image = self.faults.apply(image, light, lit) if opt.faults else image
         visible, outside = truncate(visible, landmarks, self.size, opt.truncate, rng)
-        for i, beyond in [*outside, *((int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER))]:
-            for layer in (image, difference):
+        pixels = image.clamp_(0, 1).mul_(255).round_().to(torch.uint8)
+        develop(pixels, films, self.faults)
+        if opt.faults:
+            self.faults.resample(pixels, opt.far, opt.crisp)
+            pixels = self.faults.compress(pixels)
+        outside += [(int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER)]
+        outside += [(int(i), frames.mask(i, self.size)) for i in frames.near]
+        for i, beyond in outside:  # after compression: crops are cut from compressed pictures
+            for layer in (pixels, difference):
                 layer[i, :, torch.from_numpy(beyond)] = 0
         inside = ((landmarks >= 0) & (landmarks <= self.size - 1)).all(-1)
-        pixels = image.clamp_(0, 1).mul_(255).round_().to(torch.uint8)
-        pixels = self.faults.compress(pixels) if opt.faults else pixels
-        self._monochrome(pixels)
         at, seen = torch.from_numpy(landmarks), torch.from_numpy(visible & inside)
         body = len(BODY23)
         return pixels, difference, at[:, :body], seen[:, :body], at[:, body:], seen[:, body:]
+
+    def _compose(
+        self, person: Tensor, plate: Tensor, landmarks: Float32Array, scene: BoolArray
+    ) -> tuple[Tensor, Tensor, BoolArray]:
+        """Put people in front of backgrounds, others and objects behind and in front of them.
+
+        Args:
+            person: (B, 5 or 6, S, S) layers of the renders.
+            plate: (B, 3, S, S) backgrounds.
+            landmarks: (B, J, 2).
+            scene: (B,) renders of scenes, to which less is added.
+
+        Returns:
+            (B, 3, S, S) pictures; (B, 1, S, S) opacity of objects in front of people; and (B, J) landmarks that are
+            behind something that was added.
+        """
+        rng, opt, count = self.rng, self.options, len(person)
+        shade = person[:, 4:5] * self._column(rng.uniform(0, 0.6, count))
+        image = torch.addcmul(plate, plate, shade, value=-1)
+        rarer = np.where(scene, opt.scene_others, 1.0)
+        chance = rng.random(count) / np.maximum(rarer, 1e-9) if len(self.whole) else np.ones(count)
+        other, close = chance < opt.second_person + opt.embrace, chance >= opt.second_person
+        in_front = rng.random(count) < 0.4
+        front = self._second_person(image, other, close, in_front) if other.any() else None
+        image.mul_(1 - person[:, 3:4]).add_(person[:, :3])
+        hidden = np.zeros(landmarks.shape[:2], bool)
+        if front is not None:
+            hidden |= self._alpha_at(front[:, 3].numpy(), landmarks) > 0.5
+            image.mul_(1 - front[:, 3:4]).add_(front[:, :3])
+        occluders = draw_occluders(image, opt.occluder * rarer, self._background, rng)
+        hidden |= self._alpha_at(occluders, landmarks) > 0.5
+        pixelate_faces(image, landmarks, opt.mosaic, rng)
+        return image, torch.from_numpy(occluders)[:, None], hidden
+
+    def _end_with_render(self, index: IndexArray, borders: Float32Array) -> None:
+        """Let the picture end where people or things of the scenes among the renders `index` (B,) continue beyond the
+        render, whose sides become `borders` (B, 4), in place."""
+        for k in np.flatnonzero(self.is_scene[index]):
+            planes = self.renders.pixels_of(int(index[k]))
+            height, width = planes.shape[1:]
+            left, top, right, bottom = np.where(touched_sides(planes), [0, 0, width - 1, height - 1], np.nan)
+            low, high = np.fmax(borders[k, :2], [left, top]), np.fmin(borders[k, 2:], [right, bottom])
+            borders[k] = [*low, *high]
 
     def _light(self, count: int) -> Float32Array:
         """(B, 3) relative red, green and blue light that reaches the camera: full, too little, or tinted."""
@@ -213,41 +211,43 @@ class Compositor(BaseCompositor):
             chosen &= self.rng.random(len(plate)) < 0.7
         return chosen
 
-    def _monochrome(self, pixels: Tensor) -> None:
-        """Remove the colours of a share of (B, 3, S, S) uint8, in place: sensors differ in their sensitivity to
-        each."""
-        if self.options.monochrome:
-            for i in np.nonzero(self.rng.random(len(pixels)) < self.options.monochrome)[0]:
-                seen = torch.from_numpy(self.rng.dirichlet((2, 2, 2)).astype(np.float32))
-                pixels[i] = torch.einsum("chw,c->hw", pixels[i].float(), seen).round_()
-
-    def _difference(self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: Float32Array) -> Tensor:
+    def _difference(
+        self, image: Tensor, plate: Tensor, person: Tensor, before: Tensor, light: Float32Array, films: dict[int, Film]
+    ) -> Tensor:
         """(B, 1, S, S) uint8 difference to the background model, for a share of the crops.
 
         Args:
             image, plate: (B, 3, S, S) with and without people.
-            person: (B, 5, S, S) layers of the subjects.
+            person: (B, 5 or 6, S, S) layers of the renders.
             before: (B, 1, S, S) what is in front of the person: part of the room, or held or carried.
             light: as of `_light`.
+            films: of some of the crops.
         """
         known = torch.from_numpy(np.nonzero(self.differences.rng.random(len(image)) < self.options.plate)[0])
         difference = torch.zeros(before.shape, dtype=torch.uint8)
         if len(known):
             static = before[known] * self._column(self.differences.rng.random(len(known)) < 0.6)
+            if person.shape[1] > 5:  # a chair stays where it is, a racket does not
+                still = self.differences.rng.random(len(known)) < self.options.static_things
+                static = torch.maximum(static, person[known, 5:] * self._column(still))
             empty = plate[known]
             self.differences.add_people(empty, person[known], static)
-            difference[known] = self.differences.difference(image[known], empty, static, light[known.numpy()])
+            slopes = {k: films[i].slopes for k, i in enumerate(known.tolist()) if i in films}
+            difference[known] = self.differences.difference(image[known], empty, static, light[known.numpy()], slopes)
         return difference
 
     def _column(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.asarray(values, np.float32)).view(-1, 1, 1, 1)
 
-    def _placement(self, box: Float32Array, aside: FloatArray | None = None) -> tuple[Float32Array, BoolArray]:
+    def _placement(
+        self, box: Float32Array, aside: FloatArray | None = None, upright: BoolArray | None = None
+    ) -> tuple[Float32Array, BoolArray]:
         """Random positions of people in crops.
 
         Args:
             box: (B, 4) bounding boxes in the renders.
             aside: (B, 2) range of a sideways shift, as shares of the crop.
+            upright: (B,) people who are not rolled.
 
         Returns:
             crop_from_render (B, 2, 3) affine maps in pixels, and which are mirrored.
@@ -264,6 +264,7 @@ class Compositor(BaseCompositor):
         angle = np.radians(rng.normal(0, opt.rotation_sd_deg, n))
         tumble = rng.random(n) < opt.tumble
         angle = np.where(tumble, np.radians(rng.uniform(-60, 60, n)), angle)
+        angle = angle if upright is None else np.where(upright, 0, angle)
         flip = rng.random(n) < 0.5
         linear = linear_maps(angle, scale, flip)
         middle = (size - 1) / 2 + shift
@@ -271,12 +272,13 @@ class Compositor(BaseCompositor):
         return matrix.astype(np.float32), flip
 
     def _warp(self, index: IndexArray, matrix: Float32Array, flip: BoolArray) -> tuple[Tensor, Float32Array, BoolArray]:
-        """Renders in the crop (B, 5, S, S) in 0..1; landmarks of body and surface, and their visibility. Renders are
-        black outside the person, so their colours are premultiplied by alpha."""
-        size = self.size
-        warped = np.empty((len(index), 5, size, size), np.uint8)
+        """Renders in the crop (B, 5, S, S) in 0..1, or (B, 6, S, S) if there are scenes among them; landmarks of body
+        and surface, and their visibility. Renders are black outside the person, so their colours are premultiplied by
+        alpha."""
+        size, layers = self.size, 6 if self.is_scene[index].any() else 5
+        warped = np.empty((len(index), layers, size, size), np.uint8)
         for k, i in enumerate(index):
-            for plane, out in zip(self.renders.pixels_of(i), warped[k], strict=True):
+            for plane, out in zip(self.renders.pixels_of(i)[:layers], warped[k], strict=True):
                 cv2.warpAffine(plane, matrix[k], (size, size), dst=out, flags=cv2.INTER_LINEAR)
         landmarks = np.concatenate([self.renders.landmarks_px[index], self.renders.markers_px[index]], 1)
         landmarks = np.einsum("nij,nkj->nki", matrix[:, :, :2], landmarks) + matrix[:, None, :, 2]

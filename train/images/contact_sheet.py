@@ -11,13 +11,14 @@ from muybridge.files import replacing
 from muybridge.geometry.landmarks.sets import BODY23
 from muybridge.train.images.backgrounds import make_backgrounds
 from muybridge.train.images.compositor import Batch, Compositor
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 LEFT, RIGHT, MIDDLE = (240, 200, 60), (60, 140, 250), (220, 220, 220)  # BGR: the person's left is blue
 
 
 def draw_crops(batch: Batch, tile: int = 192, columns: int = 10) -> ByteArray:
-    """(H, W, 3) BGR: every other crop with its landmarks; hidden ones are hollow."""
+    """(H, W, 3) BGR: every other crop with its landmarks, hidden ones in red."""
     tiles = []
     scale = tile / batch.image.shape[-1]
     for i in range(len(batch.image)):
@@ -38,7 +39,7 @@ def _draw_landmarks(picture: ByteArray, points: NDArray[np.floating], visible: B
         colour = MIDDLE if both else LEFT if "left_" in names else RIGHT if "right_" in names else MIDDLE
         cv2.line(picture, at[a], at[b], colour, 1, cv2.LINE_AA)
     for point, seen in zip(at, visible, strict=True):
-        cv2.circle(picture, point, 2, (80, 220, 80), -1 if seen else 1, cv2.LINE_AA)
+        cv2.circle(picture, point, 2, (80, 220, 80) if seen else (40, 40, 250), -1, cv2.LINE_AA)
 
 
 def write_sheet(renders: pathlib.Path, count: int = 60, size: int = SIZE, seed: int = 1) -> pathlib.Path:

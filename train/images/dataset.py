@@ -1,8 +1,9 @@
 """Batches of training images: renders composited on backgrounds in worker processes."""
 
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from muybridge.errors import SessionError
 from muybridge.train.engine.loop import Batch, worker_count, worker_seed
 from muybridge.train.engine.malloc import keep_memory
-from muybridge.train.engine.options import Training
+from muybridge.train.engine.options import ImageTraining
 from muybridge.train.images.background_pool import make_background_pool
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders, shard_numbers, shard_path
 from muybridge.train.synthesis.rendering.worker import RenderWorker
@@ -30,7 +31,7 @@ BatchMaker = Callable[[RenderSet, int], Callable[[], Batch]]
 
 
 @contextmanager
-def training_data(options: Training) -> Iterator[pathlib.Path]:
+def training_data(options: ImageTraining) -> Iterator[pathlib.Path]:
     """Set up training on images: random seed, threads, renders and backgrounds.
 
     If there are no renders, the first are waited for, and the others are made while the block runs.
@@ -58,7 +59,13 @@ def training_data(options: Training) -> Iterator[pathlib.Path]:
         yield background_pool(options)
 
 
-def _check_renders(options: Training) -> None:
+def _check_renders(options: ImageTraining) -> None:
+    for store in options.scene_renders:
+        if not len(load_renders(store, TRAINED_ON)):
+            raise SessionError(
+                f"{store}: no renders to train on (the first {HELD_OUT.stop} shards are held out); make some with "
+                "`muybridge synth`"
+            )
     trained_on = load_renders(options.renders, TRAINED_ON)
     if options.whole_people and len(trained_on) and not len(trained_on.whole):
         raise SessionError(
@@ -77,7 +84,27 @@ def _check_renders(options: Training) -> None:
         )
 
 
-def batches(options: Training, make: BatchMaker, start: int, on_cpu: int = 1) -> Iterator[Batch]:
+def load_stores(folders: Sequence[pathlib.Path], numbers: range) -> RenderSet:
+    """The renders of several stores, one after the other; pixels stay on disk.
+
+    Args:
+        folders: the stores.
+        numbers: of the shards of each.
+    """
+    stores = [load_renders(folder, numbers) for folder in folders]
+    labels = [field.name for field in fields(RenderSet) if field.name != "pixels"]
+    return RenderSet(
+        [pixels for store in stores for pixels in store.pixels],
+        **{name: np.concatenate([getattr(store, name) for store in stores]) for name in labels},
+    )
+
+
+def stores_of(options: ImageTraining) -> list[pathlib.Path]:
+    """The folders of all stores to train on."""
+    return [options.renders, *options.scene_renders]
+
+
+def batches(options: ImageTraining, make: BatchMaker, start: int, on_cpu: int = 1) -> Iterator[Batch]:
     """Endless training batches from worker processes.
 
     Args:
@@ -92,7 +119,7 @@ def batches(options: Training, make: BatchMaker, start: int, on_cpu: int = 1) ->
 
 
 class _Stream(IterableDataset[Batch]):
-    def __init__(self, options: Training, make: BatchMaker, start: int) -> None:
+    def __init__(self, options: ImageTraining, make: BatchMaker, start: int) -> None:
         self.options, self.make, self.start = options, make, start
 
     def __iter__(self) -> Iterator[Batch]:
@@ -103,18 +130,23 @@ class _Stream(IterableDataset[Batch]):
         count = 0
         while True:
             # New shards are picked up while they are being made.
-            known = len(shard_numbers(self.options.renders))
-            renders = load_renders(self.options.renders, TRAINED_ON)
+            stores = stores_of(self.options)
+            known = _count(stores)
+            renders = load_stores(stores, TRAINED_ON)
             seed = worker_seed(self.options.seed, self.start, worker.id if worker else 0, count)
             next_batch = self.make(renders, seed)
             for k in range(1, _RELOAD_BATCHES + 1):
                 yield next_batch()
                 count += 1
-                if k % _CHECK_BATCHES == 0 and len(shard_numbers(self.options.renders)) > _GROWTH * known:
+                if k % _CHECK_BATCHES == 0 and _count(stores) > _GROWTH * known:
                     break
 
 
-def background_pool(options: Training) -> pathlib.Path:
+def _count(stores: Sequence[pathlib.Path]) -> int:
+    return sum(len(shard_numbers(store)) for store in stores)
+
+
+def background_pool(options: ImageTraining) -> pathlib.Path:
     """Path of the background pool beside the run's folder, made on the first call: half of it painted, half of it views
     of rendered rooms.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from muybridge.arrays import BoolArray, ByteArray, FloatArray
+from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
 from muybridge.train.images.clutter import plain, shape
 
 # Share of scenes in which objects differ from the background model, and in which the light does.
@@ -77,6 +77,27 @@ def hold(frame: ByteArray, mine: BoolArray, texture: Callable[[], ByteArray], rn
     there = (inside > 0) & ~((grip > 0) & mine)
     frame[there] = picture[there]
     return there
+
+
+def cast_shadow(
+    frame: ByteArray, alpha: ByteArray, foot: float, shift: IndexArray,
+    light: tuple[float, float, float, float],
+) -> None:  # fmt: skip
+    """Darken the floor where a person blocks the light.
+
+    Args:
+        frame: the scene.
+        alpha: (h, w) silhouette of the person.
+        foot: row of the feet in it.
+        shift: of the silhouette in the frame.
+        light: shift across and up the image (negative: towards the camera) per pixel of a person's height, the light
+            that remains, and the softness of the edges in pixels.
+    """
+    across, up, left, soft = light
+    there = np.array([[1, -across, shift[0] + across * foot], [0, up, shift[1] + (1 - up) * foot]])
+    shadow = cv2.warpAffine(alpha, there, (frame.shape[1], frame.shape[0]), flags=cv2.INTER_LINEAR)
+    shadow = cv2.GaussianBlur(shadow, (0, 0), soft).astype(np.float32)[..., None] / 255
+    frame[:] = (frame * (1 - (1 - left) * shadow)).astype(np.uint8)
 
 
 def _board(

@@ -16,10 +16,12 @@ from muybridge.models.keypoints.test_time import augment_at_test_time, mean_of_m
 from muybridge.models.metadata_reader import metadata_of
 from muybridge.models.shipped import shipped_model
 from muybridge.train.images.backgrounds import make_backgrounds
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.compositor import Batch, Compositor
 from muybridge.train.images.dataset import HELD_OUT
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.options import Evaluation
-from muybridge.train.synthesis.rendering.store import SIZE, load_renders
+from muybridge.train.synthesis.rendering.framing import SIZE
+from muybridge.train.synthesis.rendering.store import load_renders
 
 MIRROR = np.array(BODY23.mirror)
 # All landmarks but nose, eyes and ears.

@@ -9,7 +9,7 @@ import pathlib
 
 import numpy as np
 
-from muybridge.arrays import Float32Array, FloatArray, IntArray
+from muybridge.arrays import Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.files import replacing
 
 # Weight of the newest crop in a render's mean loss: crops of one render differ by background, occluders and light, so
@@ -68,3 +68,19 @@ def drawing_probability(loss: Float32Array, count: int, hard: float) -> FloatArr
     excess[np.isnan(excess)] = np.nanmean(excess)
     total = excess.sum()
     return (1 - hard) * even + hard * excess / total if total > 0 else even
+
+
+def mix_scenes(probability: FloatArray, people: IndexArray, scenes: IndexArray, share: float) -> FloatArray:
+    """The probability of drawing each of N renders, with a fixed share of scenes.
+
+    Args:
+        probability: (N,) before.
+        people: renders with a subject; the others are never drawn.
+        scenes: those of them that are of scenes.
+        share: of scenes, if there are both kinds.
+    """
+    alone, mixed = np.setdiff1d(people, scenes), np.zeros_like(probability)
+    shares = (1 - share, share) if len(alone) and len(scenes) else (1.0, 1.0)
+    for part, total in zip((alone, scenes), shares, strict=True):
+        mixed[part] = total * probability[part] / max(probability[part].sum(), 1e-12)
+    return np.asarray(mixed / mixed.sum())

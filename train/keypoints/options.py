@@ -4,11 +4,11 @@ import pathlib
 from dataclasses import dataclass
 
 from muybridge.errors import SessionError
-from muybridge.train.engine.options import Training
+from muybridge.train.engine.options import ImageTraining
 
 
 @dataclass(frozen=True)
-class KeypointTraining(Training):
+class KeypointTraining(ImageTraining):
     """Train the keypoint network on crops of synthetic people.
 
     Attributes:
@@ -18,6 +18,7 @@ class KeypointTraining(Training):
         smaller: share of batches whose crops are smaller than `size`, like those of the first pass over a video and of
             partly visible people. A network trained at one size for long fails at others.
         hard: share of the crops drawn in proportion to the network's previous loss on their people.
+        hidden: weight of the loss of hidden landmarks, whose place is guessed, relative to that of visible ones.
         second: let a second process compute part of each batch on processor time that the network's threads and the
             making of crops leave idle, in runs of five minutes and more.
         echo: with a GPU, the mean number of times a crop is used at most, each time with new geometric and colour
@@ -29,6 +30,7 @@ class KeypointTraining(Training):
     attention: int = 0
     smaller: float = 0.35
     hard: float = 0.0
+    hidden: float = 0.5
     second: bool = True
     echo: int = 8
 

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -31,11 +32,12 @@ from muybridge.train.engine.compile import compile_for_training
 from muybridge.train.engine.gradient_worker import GradientWorker, is_worthwhile
 from muybridge.train.engine.precision import autocast
 from muybridge.train.images import dataset
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor
+from muybridge.train.images.compositor import Batch, Compositor
+from muybridge.train.images.options import WHOLE
 from muybridge.train.keypoints.data_echoing import Echo
 from muybridge.train.keypoints.evaluate import LIMB, MIRROR
 from muybridge.train.keypoints.export import load_keypoint_checkpoint
-from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, read_difficulty
+from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probability, mix_scenes, read_difficulty
 from muybridge.train.keypoints.loss import cross_entropy, targets
 from muybridge.train.keypoints.options import KeypointTraining
 from muybridge.train.synthesis.rendering.store import RenderSet, load_renders
@@ -58,6 +60,7 @@ class _Crops:
     count: int
     difficulty: pathlib.Path
     hard: float
+    scenes: float = 0.5
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
         backgrounds = np.load(self.pool, mmap_mode="r")
@@ -72,6 +75,7 @@ class _Crops:
             number = next(made)
             if number % _REFRESH_BATCHES == 0:
                 probability = drawing_probability(read_difficulty(self.difficulty), len(renders), self.hard)
+                probability = mix_scenes(probability, compositors[0].people, compositors[0].scenes, self.scenes)
             index = rng.choice(len(renders), self.count, p=probability)
             # Not the first, whose size determines how much memory the second process allocates.
             smaller = number and rng.random() < self.smaller
@@ -102,12 +106,13 @@ class Loss:
         return total, each.sum() / count.sum()
 
 
-def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tensor]:
+def losses_of(net: KeypointNet, batch: loop.Batch, hidden: float = 0.35) -> tuple[Tensor, Tensor, Tensor]:
     """Losses of a batch.
 
     Args:
         net: the network.
         batch: pixels (B, 4, S, S) uint8, landmarks (B, J, 2) px, visibility (B, J) bool.
+        hidden: weight of hidden landmarks.
 
     Returns:
         Total loss; (B,) summed cross-entropy of the visible body landmarks of each crop, without gradients; (B,) their
@@ -122,7 +127,7 @@ def losses_of(net: KeypointNet, batch: loop.Batch) -> tuple[Tensor, Tensor, Tens
         each = torch.cat([each, cross_entropy(markers, target.of(slice(body, None)))], 1)
     seen, known = visible.float(), landmarks_px.isfinite().all(-1).float()
     # Hidden landmarks count too, but less: the network should guess them and be uncertain.
-    weight = 0.35 + 0.65 * seen
+    weight = hidden + (1 - hidden) * seen
     see = torch.nn.functional.binary_cross_entropy_with_logits(visibility.float(), seen, known)
     total = (each * weight)[:, :body].mean() + 0.2 * see
     if markers is not None:
@@ -218,7 +223,9 @@ def _network_from_file(model: pathlib.Path, attention: int) -> KeypointNet:
 def _second_process(net: KeypointNet, options: KeypointTraining) -> AbstractContextManager[GradientWorker | None]:
     """The second process if it is requested and worthwhile."""
     if options.second and is_worthwhile(options.batch, options.threads, options.worthwhile_minutes):
-        return GradientWorker(net, losses_of, options.worthwhile_minutes, options.threads)
+        return GradientWorker(
+            net, partial(losses_of, hidden=options.hidden), options.worthwhile_minutes, options.threads
+        )
     return nullcontext()
 
 
@@ -239,7 +246,9 @@ def train(options: KeypointTraining) -> pathlib.Path:
         ModelError: the options or the network to start from cannot be used.
         SessionError: the renders or the checkpoint cannot be used.
     """
-    for name, share, what in (("hard", options.hard, "crops"), ("smaller", options.smaller, "batches")):
+    for name, share, what in (
+        ("hard", options.hard, "crops"), ("smaller", options.smaller, "batches"), ("hidden", options.hidden, "loss")
+    ):  # fmt: skip
         if not 0 <= share <= 1:
             raise ModelError(f"--{name} {share:g}: must be a share of the {what}, from 0 to 1")
     model = None if loop.resumes(options) else options.model
@@ -251,11 +260,14 @@ def train(options: KeypointTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].pixels.float().div(255)])
         history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
         run = loop.TrainingRun(options, net, lambda net: evaluate(net, validation), history)
-        # The recorded losses belong to the renders of one store.
-        store = zlib.crc32(str(options.renders.resolve()).encode())
+        # The recorded losses belong to the renders of these stores.
+        store = zlib.crc32(":".join(str(folder.resolve()) for folder in dataset.stores_of(options)).encode())
         difficulty = Difficulty(options.out / f"difficulty-{store:08x}.npy")
-        crops = _Crops(pool, options.size, options.smaller, options.batch, difficulty.path, options.hard)
-        loss = Loss(difficulty, compile_for_training(losses_of, options.worthwhile_minutes))
+        crops = _Crops(
+            pool, options.size, options.smaller, options.batch, difficulty.path, options.hard, options.scenes
+        )
+        losses = partial(losses_of, hidden=options.hidden)
+        loss = Loss(difficulty, compile_for_training(losses, options.worthwhile_minutes))
         with (
             _second_process(net, options) as worker,
             _with_echoes(dataset.batches(options, crops, run.state["step"]), options) as stream,

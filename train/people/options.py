@@ -4,11 +4,11 @@ import pathlib
 from dataclasses import dataclass
 from typing import ClassVar
 
-from muybridge.train.engine.options import Training
+from muybridge.train.engine.options import ImageTraining
 
 
 @dataclass(frozen=True)
-class PeopleTraining(Training):
+class PeopleTraining(ImageTraining):
     """Train the person detector on scenes of synthetic people.
 
     Attributes:

@@ -63,9 +63,10 @@ class _Scenes:
 
     pool: pathlib.Path
     count: int
+    scenes: float
 
     def __call__(self, renders: RenderSet, seed: int) -> Callable[[], loop.Batch]:
-        compositor = SceneCompositor(renders, np.load(self.pool, mmap_mode="r"), seed)
+        compositor = SceneCompositor(renders, np.load(self.pool, mmap_mode="r"), seed, self.scenes)
         return lambda: as_tensors(compositor.batch(self.count))
 
 
@@ -163,6 +164,6 @@ def train(options: PeopleTraining) -> pathlib.Path:
             measure_normalisation(net, [validation[0].image.float().div(255)])
         history = loop.TrainingHistory() if model is None else loop.TrainingHistory.of_file(model)
         run = loop.TrainingRun(options, net, lambda net: evaluate(net, validation), history)
-        scenes = dataset.batches(options, _Scenes(pool, options.batch), run.state["step"], on_cpu=2)
+        scenes = dataset.batches(options, _Scenes(pool, options.batch, options.scenes), run.state["step"], on_cpu=2)
         run.run(scenes, compile_for_training(loss_of, options.worthwhile_minutes))
     return run.checkpoint

@@ -15,6 +15,8 @@ from muybridge.motion.contacts.events import contact_events, contact_facts
 from muybridge.motion.contacts.find import ContactOptions, Contacts, find_contacts, without_short_runs
 from muybridge.motion.contacts.floor import Floor
 from muybridge.motion.contacts.footskate import contact_spans, measure_footskate, sliding_frames
+from muybridge.motion.contacts.plates import plate_loads
+from muybridge.motion.formats.points.c3d import read_c3d_take
 from muybridge.motion.formats.registry import read_file
 from tests.paths import DATA
 
@@ -170,3 +172,16 @@ def test_recorded_walking_and_running(name, stance, flight):
         inside = measure_footskate(toe, contacts[:, k], motion.fps)
         outside = measure_footskate(toe, ~contacts[:, k], motion.fps)
         assert inside.mean_speed < 0.2 and outside.mean_speed > 5 * inside.mean_speed
+
+
+def test_force_plates_decide(real_data):
+    take = read_c3d_take(real_data / "markers/walk_force_plates.c3d")
+    loads = plate_loads(take)
+    assert [contact_spans(load.loaded) for load in loads] == [[(123, 221)], [(71, 138)], [], [(15, 85)]]
+    alone, weighed = (find_contacts(take.points, plates=plates).feet for plates in (None, take))
+    onsets = {0: (71,), 1: (15, 123)}
+    for foot, frames in onsets.items():
+        for found, most in ((alone, 3), (weighed, 1)):
+            starts = [a for a, _ in contact_spans(found[:, foot])]
+            assert all(min(abs(a - frame) for a in starts) <= most for frame in frames)
+    assert not weighed[86:120, 1].any() and weighed[72:122, 0].all() and weighed[16:70, 1].all()

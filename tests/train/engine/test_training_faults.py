@@ -1,17 +1,21 @@
 """Faults in training are reported at once, and no progress is lost."""
 
+import itertools
+import os
 import pathlib
+import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("onnx")
-pytest.importorskip("torch")
+torch = pytest.importorskip("torch")
 pytest.importorskip("kornia")
 
 from muybridge.errors import ModelError, SessionError  # noqa: E402
 from muybridge.train.engine import loop  # noqa: E402
+from muybridge.train.engine.checkpoint import load_checkpoint  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.evaluate import evaluate_onnx  # noqa: E402
 from muybridge.train.keypoints.export import load_keypoint_checkpoint  # noqa: E402
@@ -112,3 +116,57 @@ def test_files_other_than_networks_are_not_scored(store, tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(ModelError, match="model.onnx: n"):
         evaluate_onnx(Evaluation(path, renders=store, crops=64))
+
+
+class _Line(torch.nn.Module):
+    """The smallest network that can be trained."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.config: dict[str, int] = {}
+        self.slope = torch.nn.Parameter(torch.zeros(1))
+
+
+def test_a_run_of_so_many_images_ends_there_however_often_it_was_stopped(tmp_path):
+    rates = []
+
+    def train_on():
+        run = loop.TrainingRun(KeypointTraining(out=tmp_path, images=44, batch=8), _Line(), lambda net: {"score": 1.0})
+
+        def loss_of(net, batch):
+            rates.append(run.optimiser.parts[0].param_groups[0]["lr"])
+            if len(rates) == 3:
+                os.kill(os.getpid(), signal.SIGTERM)
+            loss = ((net.slope - batch[0]) ** 2).mean()
+            return loss, loss.detach()
+
+        run.run(itertools.repeat((torch.ones(8, 1),)), loss_of)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        train_on()
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert load_checkpoint(tmp_path / "checkpoint.pt")["state"]["step"] == 2
+    train_on()
+    train_on()  # there is nothing left to do
+    done = load_checkpoint(tmp_path / "checkpoint.pt")
+    assert done["state"]["step"] == 6 and done["state"]["images"] == 48 and len(rates) == 3 + 4
+    assert rates[3] == rates[2] and rates[4] > rates[3]  # the warm-up goes on
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"scenes": 2.0}, "--scenes 2: must be"), ({"images": 0}, "--images 0"),
+        ({"images": 9, "steps": 9}, "give one of them"),
+    ],
+)  # fmt: skip
+def test_invalid_options_of_images_are_refused(wrong, said):
+    with pytest.raises(SessionError, match=said):
+        PeopleTraining(**wrong)
+
+
+def test_a_store_of_scenes_without_renders_is_named(store, tmp_path):
+    options = _short(store, tmp_path / "run", scene_renders=(tmp_path / "nothing",))
+    with pytest.raises(SessionError, match="nothing: no renders to train on"):
+        keypoints.train(options)

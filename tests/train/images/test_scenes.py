@@ -8,6 +8,7 @@ pytest.importorskip("anny")
 
 from muybridge.train.images import scenes  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
+from muybridge.train.images.distractors import cast_shadow  # noqa: E402
 from muybridge.train.images.scenes import SceneBatch, SceneCompositor  # noqa: E402
 from muybridge.train.people.train import as_tensors, generalised_iou, make_targets  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE, RenderSet  # noqa: E402
@@ -42,7 +43,7 @@ def test_static_people_are_in_the_background_model_of_a_scene(renders, monkeypat
 def test_people_cast_shadows_from_their_feet_and_keep_their_boxes(renders, monkeypatch):
     pole, frame = np.zeros((20, 9), np.uint8), np.full((60, 60, 3), 200, np.uint8)
     pole[5:16, 4] = 255
-    scenes._cast(frame, pole, 15.0, np.array([20, 30]), (1.0, 0.5, 0.5, 0.3))
+    cast_shadow(frame, pole, 15.0, np.array([20, 30]), (1.0, 0.5, 0.5, 0.3))
     dark = np.argwhere(frame[..., 0] < 180)
     assert abs(dark[-1] - [45, 24]).max() <= 1 and abs(dark[0] - [40, 34]).max() <= 1  # foot and top of a pole of 10 px
     assert abs((dark[:, 1] - 24) - 2 * (45 - dark[:, 0])).max() <= 2
@@ -102,9 +103,9 @@ def test_close_ups_end_at_the_image_border(renders, close_ups, monkeypatch):
     at_border = 0
     for _ in range(20):
         frame, owners = np.full((192, 320, 3), 90, np.uint8), np.full((192, 320), -1, np.int16)
-        box, area = compositor._near(frame, owners, 7)
-        mine = owners == 7
-        assert mine.sum() <= area and (frame[mine] != 90).any()
+        near = compositor._near(frame, owners, 7)
+        box, mine = near.box, owners == 7
+        assert mine.sum() <= near.area and (frame[mine] != 90).any()
         edges = mine[-1], mine[:, 0], mine[:, -1], mine[0]
         at_border += any(e.sum() > 3 for e in edges)
         rows, columns = np.nonzero(mine)

@@ -16,7 +16,8 @@ from muybridge.models.keypoints.metadata import keypoint_card  # noqa: E402
 from muybridge.models.people.metadata import people_card  # noqa: E402
 from muybridge.models.shipped import shipped_model  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.images.compositor import WHOLE, Batch, Compositor  # noqa: E402
+from muybridge.train.images.compositor import Batch, Compositor  # noqa: E402
+from muybridge.train.images.options import WHOLE  # noqa: E402
 from muybridge.train.keypoints import train as keypoints  # noqa: E402
 from muybridge.train.keypoints.evaluate import MIRROR, _figures, evaluate_onnx  # noqa: E402
 from muybridge.train.keypoints.options import Evaluation  # noqa: E402

@@ -153,7 +153,7 @@ def test_labels_project_where_the_renderer_draws_them(body):
         x, row = np.round(shot.markers_px).astype(int).T
         near = np.max([shot.rgba[row + j, x + i, 3] for i in (-2, 0, 2) for j in (-2, 0, 2)], 0)
         assert (near > 0).all()  # all lie on the silhouette's inside
-        np.testing.assert_allclose(shot.markers_px, view.project(renderer.markers)[0], atol=1e-3)
+        np.testing.assert_allclose(shot.markers_px, view.project(renderer.loaded.markers)[0], atol=1e-3)
         seen[name] = dict(zip(SURFACE.names, shot.markers_visible, strict=True))
     for name in ("left_asis", "right_asis", "sternal_notch", "xiphoid", "left_patella", "right_tibial_tuberosity"):
         assert seen["front"][name] and not seen["back"][name], name

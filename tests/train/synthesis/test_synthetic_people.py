@@ -10,7 +10,8 @@ pytest.importorskip("anny")
 
 from muybridge.geometry.landmarks.sets import BODY23  # noqa: E402
 from muybridge.train.images.backgrounds import make_backgrounds  # noqa: E402
-from muybridge.train.images.compositor import WHOLE, AugmentOptions, Compositor  # noqa: E402
+from muybridge.train.images.compositor import Compositor  # noqa: E402
+from muybridge.train.images.options import WHOLE, AugmentOptions  # noqa: E402
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit  # noqa: E402
 from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402

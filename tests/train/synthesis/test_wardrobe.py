@@ -13,7 +13,7 @@ pytest.importorskip("moderngl")
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES  # noqa: E402
 from muybridge.train.synthesis.clothing import fabrics, garments  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import KINDS, Outfit, bare_outfit, sample_outfit  # noqa: E402
-from muybridge.train.synthesis.rendering.renderer import LUMA  # noqa: E402
+from muybridge.train.synthesis.rendering.labels import LUMA  # noqa: E402
 from muybridge.train.synthesis.rendering.store import sample_view  # noqa: E402
 
 PEOPLE = 6

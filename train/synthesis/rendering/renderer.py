@@ -5,66 +5,35 @@ camera faults are added later (`muybridge.train.images`), so that one render ser
 """
 
 import pathlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
+from muybridge.arrays import Float32Array, FloatArray
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
-from muybridge.train.synthesis.bodies.surface_markers import marker_normals, markers_seen, virtual_markers
+from muybridge.train.synthesis.bodies.surface_markers import marker_normals, virtual_markers
 from muybridge.train.synthesis.clothing import fabrics
 from muybridge.train.synthesis.clothing.sample import Outfit
 from muybridge.train.synthesis.clothing.shells import Shells
-from muybridge.train.synthesis.rendering.view import FAR, NEAR, View, look_at
+from muybridge.train.synthesis.rendering.labels import (
+    Render,
+    Shape,
+    antialias,
+    expose,
+    landmark_labels,
+    marker_labels,
+    read_depth,
+    read_pixels,
+)
+from muybridge.train.synthesis.rendering.view import View, look_at
 
 SHADERS = pathlib.Path(__file__).parent / "shaders"
 SHADOW_MAPS = (384, 224)  # pixels: for the main light, and for the sky
 PARTS = ("body", "trousers", "shirt", "shoes", "skirt", "long_hair", "hair", "hat")
 DOT = 0.007  # metres, radius of a reflective dot
-# Range of a person's mean luma (0..255) after exposure.
-LUMA = (45.0, 205.0)
-
-# Depth of a landmark under the skin, in metres for a body of 1.7 m: beyond it, something hides the landmark.
-_DEPTH = {
-    "face": 0.06,
-    "shoulder": 0.11,
-    "elbow": 0.08,
-    "wrist": 0.07,
-    "hip": 0.17,
-    "knee": 0.10,
-    "foot": 0.08,
-}
-LANDMARK_DEPTH = np.array(
-    [_DEPTH["face"]] * 5 + [_DEPTH["shoulder"]] * 2 + [_DEPTH["elbow"]] * 2 + [_DEPTH["wrist"]] * 2
-    + [_DEPTH["hip"]] * 2 + [_DEPTH["knee"]] * 2 + [_DEPTH["foot"]] * 8
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Render:
-    """Image and labels of a person in a view.
-
-    Attributes:
-        rgba: (H, W, 4) uint8, premultiplied by alpha, which is coverage.
-        shadow: (H, W) uint8, where the floor lies in the person's shadow.
-        landmarks_px: (23, 2) pixels.
-        visible: (23,) whether the landmark is in the image and not hidden by the person's own body.
-        box_px: (4,) left, top, right, bottom of the whole body, also outside the image.
-        markers_px: (M, 2) pixels of the virtual markers, in the order of `SURFACE`.
-        markers_visible: (M,) whether the marker faces the camera, is in the image and not behind a limb.
-        cut_px: (3,) where the person of a close-up has to be cut off, see `close_ups.Cuts`; else NaN.
-    """
-
-    rgba: ByteArray
-    shadow: ByteArray
-    landmarks_px: Float32Array
-    visible: BoolArray
-    box_px: Float32Array
-    markers_px: Float32Array
-    markers_visible: BoolArray
-    cut_px: Float32Array = field(default_factory=lambda: np.full(3, np.nan, np.float32))
+# Units of the textures by their names in the shaders.
+TEXTURES = {"shadow_map": 0, "white3": 1, "fractal3": 2, "patterns": 3, "prints": 4, "folds": 5, "sky_map": 6}
 
 
 class Program:
@@ -84,6 +53,41 @@ class Program:
                     uniform.write(value.T.astype("f4").tobytes())
                 else:
                     uniform.value = value
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """Projections of the two lamps, the main light and the sky, and of shadows.
+
+    Attributes:
+        lamps: clip_from_world (4, 4) of the main light and of the sky.
+        shear: (4, 4) moves every point along the main light until z = 0: a shadow on the floor.
+    """
+
+    lamps: tuple[FloatArray, FloatArray]
+    shear: FloatArray
+
+    @classmethod
+    def around(cls, center: FloatArray, radius: float, outfit: Outfit) -> "Lighting":
+        """The lamps of `outfit` for everything within `radius` metres of `center` (3,)."""
+        shear, light = np.eye(4), outfit.light
+        shear[0, 2], shear[1, 2], shear[2, 2] = -light[0] / max(light[2], 0.15), -light[1] / max(light[2], 0.15), 0.0
+        return cls((_lamp(light, center, radius), _lamp(outfit.sky, center, radius)), shear)
+
+    def uniforms(self, view: View) -> dict[str, object]:
+        """Those of the shaders of people and things that depend on the view and the lamps."""
+        return {
+            "clip_from_world": view.clip_from_world, "light_clip_from_world": self.lamps[0],
+            "sky_clip_from_world": self.lamps[1],
+            "eye_world": tuple(-view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]),
+        } | TEXTURES  # fmt: skip
+
+
+def _lamp(light: tuple[float, float, float], center: FloatArray, radius: float) -> FloatArray:
+    pose = np.vstack([look_at(center + np.array(light) * radius, center), [0, 0, 0, 1]])
+    scale = np.diag([1 / (radius * 1.05), 1 / (radius * 1.05), 1 / (radius * 2), 1.0])
+    scale[2, 3] = -0.5
+    return np.asarray(scale @ pose)
 
 
 class Renderer:
@@ -191,24 +195,33 @@ class Renderer:
 
     def load(self, vertices: Float32Array) -> None:
         """Use `vertices` (V, 3) as the person for the next renders."""
-        self.vertices = vertices
-        table, self._normals = self._shells.shape(vertices)
-        self.markers = virtual_markers(vertices[None])[0]
-        self.marker_normals = marker_normals(self._normals[None, : len(vertices)])[0]
-        self.dynamic.write(table.tobytes())
+        self.use(self.shape(vertices))
 
-    def _dress(self, outfit: Outfit) -> None:
+    def shape(self, vertices: Float32Array) -> Shape:
+        """What the renderer needs of a posed body, to be used repeatedly."""
+        table, normals = self._shells.shape(vertices)
+        markers = virtual_markers(vertices[None])[0]
+        return Shape(vertices, table, normals, markers, marker_normals(normals[None, : len(vertices)])[0])
+
+    def use(self, shape: Shape) -> None:
+        """Draw `shape` from now on."""
+        self.loaded = shape
+        self.dynamic.write(shape.table.tobytes())
+
+    def dress(self, outfit: Outfit) -> None:
         """Write the accessories and dots of `outfit` at their positions on the loaded person."""
-        table = self._shells.accessories(outfit.accessories, self.vertices)
+        vertices = self.loaded.vertices
+        table = self._shells.accessories(outfit.accessories, vertices)
         if len(table):
             self.dynamic.write(table.tobytes(), offset=self._shells.first * 36)
         count, seed = outfit.dots
         if count:
             chosen = np.random.default_rng(seed).choice(self._shells.dot_places, count, replace=False)
-            at = self.vertices[chosen] + self._normals[chosen] * (0.6 * DOT + 0.005)
+            at = vertices[chosen] + self.loaded.normals[chosen] * (0.6 * DOT + 0.005)
             self.dot_buffer.write(at.astype("f4").tobytes())
 
-    def _draw(self, name: str, outfit: Outfit, values: dict[str, object]) -> None:
+    def draw(self, name: str, outfit: Outfit, values: dict[str, object]) -> None:
+        """Draw the loaded and dressed person into the current target with one of `programs`."""
         for part, array in enumerate(self.arrays[name]):
             if 0 < part < len(PARTS) and PARTS[part] not in outfit.parts:
                 continue
@@ -226,59 +239,48 @@ class Renderer:
                 program.set({"item_colour": item.colour, "item_hair": int(item.hair)})
             array.render()  # type: ignore[attr-defined]
 
-    def _draw_dots(self, outfit: Outfit, view: View) -> None:
-        lamps = np.mean(outfit.values["light_colour"]) + np.mean(outfit.values["ambient_up"])
-        reach = 2 * DOT * view.focal_px
-        self.dots.set({"clip_from_world": view.clip_from_world, "reach_px": reach, "light": float(lamps)})
-        self.ctx.enable(self.gl.PROGRAM_POINT_SIZE)
-        self.dot_array.render(self.gl.POINTS, vertices=outfit.dots[0])
+    def draw_person(self, outfit: Outfit, values: dict[str, object], view: View) -> None:
+        """Draw the colours of the loaded and dressed person."""
+        self.draw("person", outfit, values)
+        if outfit.dots[0]:
+            lamps = np.mean(outfit.values["light_colour"]) + np.mean(outfit.values["ambient_up"])
+            reach = 2 * DOT * view.focal_px
+            self.dots.set({"clip_from_world": view.clip_from_world, "reach_px": reach, "light": float(lamps)})
+            self.ctx.enable(self.gl.PROGRAM_POINT_SIZE)
+            self.dot_array.render(self.gl.POINTS, vertices=outfit.dots[0])
 
     def render(self, view: View, outfit: Outfit, landmarks_world: NDArray[np.floating]) -> Render:
         """Render the loaded person in `outfit`; the floor is at z = 0."""
-        body = self.vertices[:BODY_VERTICES]
+        body = self.loaded.vertices[:BODY_VERTICES]
         center = ((body.min(0) + body.max(0)) / 2).astype(float)
         radius = float(np.linalg.norm(body - center, axis=1).max())
-        lamps = self._light(outfit.light, center, radius), self._light(outfit.sky, center, radius)
-        shear = np.eye(4)
-        # A shadow on the floor: every point moves along the light until z = 0.
-        shear[0, 2], shear[1, 2], shear[2, 2] = (
-            -outfit.light[0] / max(outfit.light[2], 0.15), -outfit.light[1] / max(outfit.light[2], 0.15), 0.0
-        )  # fmt: skip
-        self._dress(outfit)
-        common = outfit.uniforms() | {
-            "clip_from_world": view.clip_from_world, "light_clip_from_world": lamps[0], "sky_clip_from_world": lamps[1],
-            "eye_world": tuple(-view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]),
-            "shadow_map": 0, "white3": 1, "fractal3": 2, "patterns": 3, "prints": 4, "folds": 5,
-            "sky_map": 6,
-        }  # fmt: skip
-        for unit, texture in enumerate((self.shadow_textures[0], *self.noise, *self.cloth, self.shadow_textures[1])):
-            texture.use(unit)  # type: ignore[attr-defined]
+        lighting = Lighting.around(center, radius, outfit)
+        self.dress(outfit)
+        common = outfit.uniforms() | lighting.uniforms(view)
+        self.bind_textures()
         self.ctx.enable(self.gl.DEPTH_TEST)
-        for shadow_target, lamp in zip(self.shadow_targets, lamps, strict=True):
+        for shadow_target, lamp in zip(self.shadow_targets, lighting.lamps, strict=True):
             shadow_target.use()
             shadow_target.clear(depth=1.0)
-            self._draw("depth", outfit, common | {"light_clip_from_world": lamp})
-        target, mask_target, depth_texture = self._target(view.width, view.height)
+            self.draw("depth", outfit, common | {"light_clip_from_world": lamp})
+        target, mask_target, depth_texture = self.target(view.width, view.height)
         mask_target.use()  # type: ignore[attr-defined]
         mask_target.clear(0, 0, 0, 0)  # type: ignore[attr-defined]
         self.ctx.disable(self.gl.DEPTH_TEST)
-        self._draw("mask", outfit, common | {"clip_from_world": view.clip_from_world @ shear})
+        self.draw("mask", outfit, common | {"clip_from_world": view.clip_from_world @ lighting.shear})
         self.ctx.enable(self.gl.DEPTH_TEST)
         target.use()  # type: ignore[attr-defined]
         target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
-        self._draw("person", outfit, common)
-        if outfit.dots[0]:
-            self._draw_dots(outfit, view)
+        self.draw_person(outfit, common, view)
         return self._read(view, target, mask_target, depth_texture, landmarks_world)
 
-    @staticmethod
-    def _light(light: tuple[float, float, float], center: FloatArray, radius: float) -> FloatArray:
-        pose = np.vstack([look_at(center + np.array(light) * radius, center), [0, 0, 0, 1]])
-        scale = np.diag([1 / (radius * 1.05), 1 / (radius * 1.05), 1 / (radius * 2), 1.0])
-        scale[2, 3] = -0.5
-        return np.asarray(scale @ pose)
+    def bind_textures(self) -> None:
+        """Make the textures that the shaders of people and things sample available, in the order of `TEXTURES`."""
+        for unit, texture in enumerate((self.shadow_textures[0], *self.noise, *self.cloth, self.shadow_textures[1])):
+            texture.use(unit)  # type: ignore[attr-defined]
 
-    def _target(self, width: int, height: int) -> tuple[object, object, object]:
+    def target(self, width: int, height: int) -> tuple[object, object, object]:
+        """Targets of that size for colour and for shadow, and the depth of the first."""
         if (width, height) not in self._targets:
             depth = self.ctx.depth_texture((width, height))
             colour = self.ctx.framebuffer([self.ctx.texture((width, height), 4)], depth)
@@ -289,65 +291,6 @@ class Renderer:
     def _read(
         self, view: View, target: object, mask: object, depth: object, landmarks_world: NDArray[np.floating]
     ) -> Render:
-        w, h = view.width, view.height
-        rgba = np.frombuffer(target.read(components=4), "u1").reshape(h, w, 4)[::-1]  # type: ignore[attr-defined]
-        shadow = np.frombuffer(mask.read(components=1, alignment=1), "u1").reshape(h, w)[::-1]  # type: ignore[attr-defined]
-        z = np.frombuffer(depth.read(alignment=1), "f4").reshape(h, w)[::-1]  # type: ignore[attr-defined]
-        metres = 2 * FAR * NEAR / (FAR + NEAR - (2 * z - 1) * (FAR - NEAR))
-        px, depth_m = _clip_near(*view.project(landmarks_world))
-        body_px = np.ascontiguousarray(view.project(self.vertices[:BODY_VERTICES])[0].T)
-        box = np.concatenate([body_px.min(1), body_px.max(1)])
-        inside, surface = _surface_depth(px, metres)
-        height = float(np.ptp(self.vertices[:BODY_VERTICES], axis=0).max())
-        visible = inside & (depth_m - surface < LANDMARK_DEPTH * min(height, 1.8) / 1.7 + 0.02)
-        labels = px.astype(np.float32), visible, box.astype(np.float32)
-        return Render(
-            _antialias(_expose(rgba.copy())), shadow.copy(), *labels, *self._read_markers(view, metres, height)
-        )
-
-    def _read_markers(self, view: View, metres: NDArray[np.floating], height: float) -> tuple[Float32Array, BoolArray]:
-        """Pixels (M, 2) of the loaded person's markers and whether they are visible."""
-        px, depth_m = _clip_near(*view.project(self.markers))
-        inside, surface = _surface_depth(px, metres)
-        eye = -view.cam_from_world[:, :3].T @ view.cam_from_world[:, 3]
-        seen = markers_seen(self.markers, self.marker_normals, eye, depth_m, surface, height)
-        return px.astype(np.float32), inside & seen
-
-
-def _expose(rgba: ByteArray) -> ByteArray:
-    """Bring the mean luma of a person into `LUMA`, in place, like a camera's exposure control."""
-    person = rgba[..., 3] > 0
-    for _ in range(3 if person.any() else 0):
-        luma = float(rgba[person, :3].mean(0) @ [0.299, 0.587, 0.114])
-        wanted = float(np.clip(luma, *LUMA))
-        if abs(wanted - luma) < 1:
-            break
-        steps, gain = np.arange(256) / 255, wanted / max(luma, 4.0)
-        curve = (1 - (1 - steps) ** gain) if gain > 1 else steps * gain  # brightening keeps white white
-        rgba[..., :3] = (curve.clip(0, 1) * 255).round().astype(np.uint8)[rgba[..., :3]]
-    return rgba
-
-
-def _antialias(rgba: ByteArray) -> ByteArray:
-    """Smooth the silhouette; the inside keeps its detail."""
-    smooth = cv2.GaussianBlur(rgba, (3, 3), 0.65)
-    cover = smooth[..., 3]
-    edge = (cover > 0) & (cover < 255)
-    rgba[edge] = smooth[edge]
-    return rgba
-
-
-def _clip_near(px: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels and depths; points clipped by the near plane are moved far outside any image."""
-    px[depth_m < NEAR] = -1e5
-    return px, depth_m
-
-
-def _surface_depth(px: FloatArray, metres: NDArray[np.floating]) -> tuple[BoolArray, NDArray[np.floating]]:
-    """(J,) whether `px` (J, 2) lie in the image, and the median depth of the 3 x 3 pixels around each: robust to
-    aliasing at silhouettes."""
-    at = np.round(px).astype(int)
-    size = np.array(metres.shape[::-1])
-    inside = np.all((at >= 1) & (at < size - 1), axis=1)
-    x, y = at.clip(1, size - 2).T
-    return np.asarray(inside), np.median([metres[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)], 0)
+        rgba, shadow, metres = read_pixels(view, target), read_pixels(view, mask), read_depth(view, depth)
+        labels = landmark_labels(view, self.loaded, metres, landmarks_world)
+        return Render(antialias(expose(rgba)), shadow, *labels, *marker_labels(view, self.loaded, metres))

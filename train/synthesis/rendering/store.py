@@ -3,7 +3,7 @@
 A shard is `renders-<number>.npz` (labels) beside `renders-<number>.npy` (pixels, memory-mapped). The label file is
 written last, so a shard with labels is complete. A store made before there were virtual markers may have their labels
 in `markers-<number>.npz`; without, they are NaN and hidden. Shard k of a store with seed s depends only on (s, k), on
-the requested kinds of motion, and on whether they are close-ups.
+the requested kinds of motion or of scene, and on whether they are close-ups.
 """
 
 import functools
@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.progress import Progress
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, IndexArray
@@ -21,43 +22,22 @@ from muybridge.errors import SessionError
 from muybridge.files import replacing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.engine.process_pool import map_in_processes
-from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES, BodyModel
+from muybridge.train.synthesis.bodies.body_model import BodyModel
 from muybridge.train.synthesis.clothing.sample import sample_outfit
 from muybridge.train.synthesis.motions.sampler import MOTIONS
 from muybridge.train.synthesis.rendering.close_ups import sample_close_up
-from muybridge.train.synthesis.rendering.renderer import Render, Renderer
-from muybridge.train.synthesis.rendering.view import View, direction_from_angles, look_at, target_of_pixel
+from muybridge.train.synthesis.rendering.framing import SIZE, SPAN, sample_view
+from muybridge.train.synthesis.rendering.labels import Render
+from muybridge.train.synthesis.rendering.renderer import Renderer
+from muybridge.train.synthesis.rendering.scene_renderer import OTHERS, SceneRenderer
+from muybridge.train.synthesis.rendering.scene_shards import render_scenes, scene_kinds
 
 SHARD = 256  # renders
-SIZE = 256  # pixels
+CHANNELS = 6  # of pixels; shards without things have one less
+_LABELS = ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")
+_SCENE_LABELS = ("others_px", "others_visible", "kind")
 # Memory of a rendering process, bytes.
 MEMORY = 0.9e9
-# The crop spans the person's bounding box times the network's padding (1.25), plus a margin for the shadow.
-SPAN = 1.25 * 1.1
-
-
-def sample_view(vertices: Float32Array, rng: np.random.Generator, size: int = SIZE, span: float = SPAN) -> View:
-    """A gravity-aligned view of the centre of the person's bounding box, like the virtual cameras of
-    `geometry.cameras.crops`: cameras stand 1 to 8 m away, from knee height to the ceiling."""
-    body = vertices[:BODY_VERTICES].astype(float)
-    center = (body.min(0) + body.max(0)) / 2
-    reach = float(np.linalg.norm(body - center, axis=1).max())
-    azimuth = rng.uniform(0, 2 * np.pi)
-    distance = reach * float(np.exp(rng.uniform(np.log(2.0), np.log(9.0))))
-    steep = rng.random() < 0.1
-    elevation = np.radians(rng.uniform(30, 65) if steep else rng.normal(13, 14))
-    elevation = max(elevation, -np.arcsin(min(0.95, max(center[2] - 0.05, 0.02) / distance)))
-    eye = center + distance * direction_from_angles(azimuth, elevation)
-    middle = (size - 1) / 2
-    target = center
-    focal = float(size)
-    for points in (body[::4], body[::4], body):  # the centre of the box moves slightly as the camera turns to it
-        view = View(look_at(eye, target), focal, (middle, middle), size, size)
-        px = np.ascontiguousarray(view.project(points)[0].T)
-        low, high = px.min(1), px.max(1)
-        focal = focal * size / (span * float((high - low).max()))
-        target = target_of_pixel(view, (low + high) / 2, eye, distance)
-    return View(look_at(eye, target, np.radians(rng.normal(0, 3))), float(focal), (middle, middle), size, size)
 
 
 @dataclass(frozen=True)
@@ -65,13 +45,18 @@ class RenderSet:
     """Renders of one or more shards.
 
     Attributes:
-        pixels: of each shard (SHARD, 5, SIZE, SIZE) uint8: red, green, blue, alpha, shadow.
+        pixels: of each shard (SHARD, 5 or 6, SIZE, SIZE) uint8: red, green, blue, alpha, shadow, and in shards of
+            scenes the share that is a thing.
         landmarks_px: (N, 23, 2).
         visible: (N, 23).
         box_px: (N, 4).
         markers_px: (N, M, 2) virtual markers in the order of `SURFACE`; NaN if the store has no labels of them.
         markers_visible: (N, M); False if the store has no labels of them.
         cut_px: (N, 3) where the person of a close-up has to be cut off, see `close_ups.Cuts`; NaN for whole people.
+        others_px: (N, 4, 4) boxes of other people in the render, see `scene_renderer.SceneRender`; NaN where none is.
+        others_visible: (N, 4) share of each that is visible; 0 where there is nobody.
+        kind: (N,) of scene, empty for a person alone. Renders of things without people are of the kind `things`; their
+            landmarks and boxes are NaN.
     """
 
     pixels: list[ByteArray]
@@ -81,13 +66,14 @@ class RenderSet:
     markers_px: Float32Array = field(default_factory=lambda: np.zeros((0, len(SURFACE), 2), "f4"))  # (N, M, 2)
     markers_visible: BoolArray = field(default_factory=lambda: np.zeros((0, len(SURFACE)), bool))  # (N, M)
     cut_px: Float32Array = field(default_factory=lambda: np.zeros((0, 3), "f4"))  # (N, 3)
+    others_px: Float32Array = field(default_factory=lambda: np.zeros((0, OTHERS, 4), "f4"))  # (N, 4, 4)
+    others_visible: Float32Array = field(default_factory=lambda: np.zeros((0, OTHERS), "f4"))  # (N, 4)
+    kind: NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, "U1"))  # (N,)
 
     def __post_init__(self) -> None:
-        if len(self.cut_px) != len(self):
-            object.__setattr__(self, "cut_px", np.full((len(self), 3), np.nan, np.float32))
-        if len(self.markers_px) != len(self):
-            object.__setattr__(self, "markers_px", np.full((len(self), len(SURFACE), 2), np.nan, np.float32))
-            object.__setattr__(self, "markers_visible", np.zeros((len(self), len(SURFACE)), bool))
+        for name, empty in _absent(len(self)).items():
+            if len(getattr(self, name)) != len(self):
+                object.__setattr__(self, name, empty)
 
     def __len__(self) -> int:
         return len(self.landmarks_px)
@@ -95,7 +81,12 @@ class RenderSet:
     @property
     def whole(self) -> IndexArray:
         """Indices of renders of whole people."""
-        return np.flatnonzero(np.isnan(self.cut_px[:, 0]))
+        return np.flatnonzero(np.isnan(self.cut_px[:, 0]) & np.isfinite(self.box_px[:, 0]))
+
+    @property
+    def unattended(self) -> IndexArray:
+        """Indices of renders of things without people."""
+        return np.flatnonzero(np.isnan(self.box_px[:, 0]))
 
     @property
     def close_ups(self) -> IndexArray:
@@ -103,8 +94,21 @@ class RenderSet:
         return np.flatnonzero(np.isfinite(self.cut_px[:, 0]))
 
     def pixels_of(self, index: int) -> ByteArray:
-        """(5, SIZE, SIZE) of one render."""
-        return np.asarray(self.pixels[index // SHARD][index % SHARD])
+        """(6, SIZE, SIZE) of one render: red, green, blue, alpha, shadow, share that is a thing."""
+        planes = self.pixels[index // SHARD][index % SHARD]
+        if len(planes) == CHANNELS:
+            return np.asarray(planes)
+        return np.concatenate([planes, np.zeros((CHANNELS - len(planes), *planes.shape[1:]), np.uint8)])
+
+
+def _absent(n: int) -> dict[str, Any]:
+    """Labels of `n` renders that a store may lack."""
+    return {
+        "markers_px": np.full((n, len(SURFACE), 2), np.nan, np.float32),
+        "markers_visible": np.zeros((n, len(SURFACE)), bool), "cut_px": np.full((n, 3), np.nan, np.float32),
+        "others_px": np.full((n, OTHERS, 4), np.nan, np.float32),
+        "others_visible": np.zeros((n, OTHERS), np.float32), "kind": np.full(n, "", "U1"),
+    }  # fmt: skip
 
 
 def render_shard(body: BodyModel, renderer: Renderer, close_ups: bool, views_each: int = 2) -> list[Render]:
@@ -138,13 +142,14 @@ class _ShardMaker:
     """Makes shards; the body model and the renderer are created for the first one.
 
     Attributes:
-        folder, seed, kinds, close_ups: as in `make_renders`.
+        folder, seed, kinds, close_ups, scenes: as in `make_renders`.
     """
 
     folder: pathlib.Path
     seed: int
     kinds: tuple[str, ...]
     close_ups: bool
+    scenes: tuple[str, ...]
 
     @functools.cached_property
     def _equipment(self) -> tuple[BodyModel, Renderer]:
@@ -152,25 +157,41 @@ class _ShardMaker:
         body.kinds = self.kinds
         return body, Renderer(body)
 
+    @functools.cached_property
+    def _scene_renderer(self) -> SceneRenderer:
+        return SceneRenderer(self._equipment[1])
+
     def make(self, number: int) -> str:
         """Write a shard; return the name of the rendering device."""
         body, renderer = self._equipment
         body.rng = np.random.default_rng([self.seed, number])
         body.poses.rng = body.rng
-        renders = render_shard(body, renderer, self.close_ups)
         path = shard_path(self.folder, number)
-        pixels = np.stack([np.concatenate([r.rgba.transpose(2, 0, 1), r.shadow[None]]) for r in renders])
-        labels = ("landmarks_px", "visible", "box_px", "markers_px", "markers_visible", "cut_px")
-        with replacing(path.with_suffix(".npy")) as temporary:
-            np.save(temporary, pixels)
-        with replacing(path) as temporary:
-            np.savez(temporary, **{k: np.stack([getattr(r, k) for r in renders]) for k in labels})  # type: ignore[arg-type]
+        if self.scenes:
+            scenes = render_scenes(body, self._scene_renderer, self.scenes, SHARD)
+            _write(
+                path, [np.concatenate([_planes(r), r.things[None]]) for r in scenes], scenes, _LABELS + _SCENE_LABELS
+            )
+        else:
+            renders = render_shard(body, renderer, self.close_ups)
+            _write(path, [_planes(r) for r in renders], renders, _LABELS)
         return renderer.device
+
+
+def _planes(render: Render) -> ByteArray:
+    return np.concatenate([render.rgba.transpose(2, 0, 1), render.shadow[None]])
+
+
+def _write(path: pathlib.Path, pixels: list[ByteArray], renders: Sequence[Render], labels: Sequence[str]) -> None:
+    with replacing(path.with_suffix(".npy")) as temporary:
+        np.save(temporary, np.stack(pixels))
+    with replacing(path) as temporary:
+        np.savez(temporary, **{k: np.stack([getattr(r, k) for r in renders]) for k in labels})  # type: ignore[arg-type]
 
 
 def make_renders(
     folder: pathlib.Path, numbers: range, seed: int, kinds: Sequence[str] = (), close_ups: bool = False,
-    processes: int = 1,
+    processes: int = 1, scenes: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """Write the shards that do not exist yet; the result does not depend on the number of processes.
 
@@ -181,10 +202,15 @@ def make_renders(
         kinds: of motion to restrict renders to; all if empty.
         close_ups: render parts of people.
         processes: number of processes.
+        scenes: kinds of scenes of people and things to render, or groups of them, see `scene_shards.scene_kinds`;
+            people alone if empty.
 
     Raises:
-        SessionError: there is no such kind of motion, or no process.
+        SessionError: there is no such kind of motion or of scene, or no process.
     """
+    chosen = scene_kinds(scenes)
+    if scenes and (close_ups or kinds):
+        raise SessionError("scenes of people and things have neither kinds of motion nor close-ups")
     if unknown := sorted(set(kinds) - set(MOTIONS)):
         raise SessionError(f"unknown kind of motion {', '.join(unknown)}; known are {', '.join(MOTIONS)}")
     if processes < 1:
@@ -193,7 +219,7 @@ def make_renders(
     missing = [n for n in numbers if not shard_path(folder, n).exists()]
     if not missing:
         return
-    maker = _ShardMaker(folder, seed, tuple(kinds), close_ups)
+    maker = _ShardMaker(folder, seed, tuple(kinds), close_ups, chosen)
     with Progress() as progress:
         bar = progress.add_task("rendering", total=len(missing))
         for device in map_in_processes(maker.make, missing, processes):
@@ -219,7 +245,7 @@ def _load_shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
     try:
         with np.load(path) as file:
             labels = {key: file[key] for key in ("landmarks_px", "visible", "box_px")}
-            cuts = file["cut_px"] if "cut_px" in file else np.full((SHARD, 3), np.nan, np.float32)
+            labels |= {k: file.get(k, v) for k, v in _absent(len(labels["box_px"])).items()}
         markers, visible = _load_markers(path)
         pixels = np.load(path.with_suffix(".npy"), mmap_mode="r")
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
@@ -227,7 +253,7 @@ def _load_shard(path: pathlib.Path) -> tuple[ByteArray, dict[str, Any]]:
             f"{path}: a damaged shard, or one without the pixels beside it ({error}); remove it and its .npy, and "
             "`muybridge synth` makes it again"
         ) from error
-    return pixels, labels | {"markers_px": markers, "markers_visible": visible, "cut_px": cuts}
+    return pixels, labels | {"markers_px": markers, "markers_visible": visible}
 
 
 def _load_markers(path: pathlib.Path) -> tuple[Float32Array, BoolArray]:

@@ -1,0 +1,5 @@
+"""Things, each built by rules in random proportions and materials."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
