@@ -5,6 +5,7 @@ Source: Khronos Group, glTF 2.0 Specification, sections 3.7 (geometry), 3.7.3 (s
 
 import base64
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -180,6 +181,6 @@ def _image(document: Document, raw: dict[str, Any]) -> tuple[bytes | None, str]:
     if uri.startswith("data:"):
         head, _, text = uri.partition(",")
         return base64.b64decode(text), head[5:].partition(";")[0]
-    beside = document.path.parent / uri
+    beside = document.path.parent / unquote(uri)
     kind = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}.get(beside.suffix.lower(), "")
     return (beside.read_bytes(), kind) if kind and beside.is_file() else (None, "")

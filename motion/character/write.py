@@ -71,7 +71,7 @@ def _check(character: Character, motion: Motion, path: Path, name: str) -> None:
     if not name or name in character.clips:
         taken = f"{character.path.name} has a clip {name!r} already" if name else "a clip needs a name"
         raise FormatError(f"{path}: {taken}", remedy="other_name")
-    bad = ~np.isfinite(motion.quat_wxyz).all(axis=-1)
+    bad = np.asarray(~np.isfinite(motion.quat_wxyz).all(axis=-1))
     bad[:, 0] |= ~np.isfinite(motion.root_positions_world).all(axis=-1)
     if motion.translations is not None:
         bad[:, list(given.sliding)] |= ~np.isfinite(motion.translations).all(axis=-1)

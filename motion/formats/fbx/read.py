@@ -82,9 +82,9 @@ def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFacto
     Raises:
         FormatError: there is none, or a model is its own ancestor.
     """
-    above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
+    above = {n: _above(scene, n, error) for n in _bones(scene)}
     if not above:
-        raise error("holds no skeleton (no limb nodes)")
+        raise error("holds no skeleton (no limb nodes, no skin and no animated nodes)")
     trees: dict[int, list[list[int]]] = {}
     for line in above.values():
         trees.setdefault(line[0], []).append(line)
@@ -108,6 +108,18 @@ def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFacto
     joints = [n for n in order if n not in ends]
     tips = {n: children[n][0] for n in joints if children[n] and set(children[n]) <= ends}
     return FbxRig(scene, higher, order, joints, tips, notices)
+
+
+def _bones(scene: Scene) -> list[int]:
+    """Limb nodes and what skins are bound to; without any, what an animation of the file moves."""
+    bound = {n for link in scene.links if (n := link[1]) in scene.models and link[2] in scene.objects
+             and scene.objects[link[2]].properties[2:3] == ("Cluster",)}  # fmt: skip
+    bones = [n for n, m in scene.models.items() if m.kind in _LIMBS or n in bound]
+    if bones:
+        return bones
+    moved = {link[2] for link in scene.links if link[0] == "OP" and link[1] in scene.objects
+             and scene.objects[link[1]].name == "AnimationCurveNode"}  # fmt: skip
+    return [n for n, m in scene.models.items() if n in moved and m.kind not in ("Camera", "Light")]
 
 
 def _above(scene: Scene, number: int, error: ErrorFactory) -> list[int]:

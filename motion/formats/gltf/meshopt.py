@@ -201,7 +201,7 @@ def _filtered(data: ByteArray, name: str) -> NDArray[Any]:
     if name == "EXPONENTIAL":
         whole = data.view("<i4")
         mantissa = whole << 8 >> 8
-        return np.ldexp(mantissa.astype(np.float64), whole >> 24).astype("<f4")
+        return np.asarray(np.ldexp(mantissa.astype(np.float64), whole >> 24), "<f4")
     raise ValueError(f"the filter {name!r} of elements of {stride} bytes is unknown")
 
 

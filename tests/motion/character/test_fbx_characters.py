@@ -216,3 +216,29 @@ Frame Time: 0.01\r
     with pytest.raises(FormatError, match="'knee' moves by 2.02 m from its OFFSET"):
         write_character_clip(character, away, tmp_path / "no.bvh", "new")
     assert not (tmp_path / "no.bvh").exists()
+
+
+@pytest.mark.parametrize("skinned", [True, False])
+def test_joints_that_are_no_limb_nodes(tmp_path, skinned):
+    file = File()
+    hips = file.joint("hips", 0, (0, 100, 0), "Null")
+    head = file.joint("head", hips, (0, 50, 0), "Null")
+    hat = file.joint("hat", head, (0, 5, 0), "Mesh")
+    file.joint("lamp", 0, (0, 0, 0), "Mesh")
+    geometry = file.add("Geometry", "g\x00\x01Geometry", "Mesh", Vertices=np.eye(3).ravel(),
+                        PolygonVertexIndex=np.array([0, 1, ~2], np.int32))  # fmt: skip
+    file.links.add("C", "OO", geometry, hat)
+    if skinned:
+        for joint in (hips, head):
+            cluster = file.add("Deformer", "c\x00\x01SubDeformer", "Cluster")
+            file.links.add("C", "OO", joint, cluster)
+    else:
+        layer = file.layer()
+        for joint in (hips, head):
+            file.curve(layer, joint, "Lcl Rotation", "X", [0, 0.1], [0, 30])
+    character = read_character(file.write(tmp_path / "m.fbx"))
+    assert character.skeleton.names == ("hips", "head") and [m.name for m in character.meshes] == ["hat"]
+    motion = moved(character, 3)
+    write_character_clip(character, motion, tmp_path / "out.fbx", "new")
+    read, _ = read_fbx(tmp_path / "out.fbx", "new")
+    np.testing.assert_allclose(read.joint_frames(), motion.joint_frames(), atol=1e-5)
