@@ -1,4 +1,4 @@
-"""Editing of motion and points: functions from one to another, and the table of steps of `muybridge edit`."""
+"""Editing of motion and points: functions from one to another, and the table of steps of the command `edit`."""
 
 import lazy_loader as _lazy
 
