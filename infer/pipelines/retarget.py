@@ -100,7 +100,7 @@ def read_target(path: Path, role_map: Path | None = None) -> Target:
         places = character.motion.joint_positions_world() if len(character.motion) > 1 else None
         return Target(character, find_roles(character.skeleton, table, chosen, places))
     except MuybridgeError as error:
-        raise error.about(str(role_map)) if role_map is not None else error
+        raise error.about(str(role_map)) from None
 
 
 def describe_roles(target: Target) -> str:

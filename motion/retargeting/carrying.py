@@ -1,9 +1,9 @@
-"""Orientations of a target's joints from those of a source: what a take looks like on another body, before the floor."""
+"""Orientations of a target's joints from those of a source: a take on another body, before the floor counts."""
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_rotation
 from muybridge.geometry.roles.facing import unit
 from muybridge.geometry.skeleton.profiles import FINGERS
 from muybridge.motion.retargeting.alignment import BONES, align, swing
@@ -99,7 +99,7 @@ def _forearm_twists(
         elbow, hand = target.roles[f"{side}_forearm"], target.roles[f"{side}_hand"]
         bone = target.places[hand] - target.places[elbow]
         axis, length = unit(bone), float(np.linalg.norm(bone))
-        quat = quat_from_matrix(np.swapaxes(driven[elbow], -1, -2) @ driven[hand])
+        quat = quat_from_rotation(np.swapaxes(driven[elbow], -1, -2) @ driven[hand])
         angle = 2 * np.arctan2(quat[:, 1:] @ axis, quat[:, 0])
         angle = np.unwrap((angle + np.pi) % (2 * np.pi) - np.pi)
         angle = angle - 2 * np.pi * np.round(np.median(angle) / (2 * np.pi)) if len(angle) else angle

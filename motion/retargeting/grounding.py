@@ -6,7 +6,13 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.ik.two_bone import move_two_bone
-from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, log_so3, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.numerics.rotations import (
+    continuous_quat,
+    exp_so3,
+    log_so3,
+    matrix_from_quat,
+    quat_from_rotation,
+)
 from muybridge.geometry.roles.facing import unit
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.contacts.blending import blend, smooth_bound
@@ -56,7 +62,7 @@ def local_motion(rig: Rig, turns: FloatArray, places: FloatArray, fps: float) ->
     """
     local = turns.copy()
     local[:, 1:] = np.swapaxes(turns[:, list(rig.parents[1:])], -1, -2) @ turns[:, 1:]
-    return Motion(rig.skeleton(), fps, places, continuous_quat(quat_from_matrix(local)))
+    return Motion(rig.skeleton(), fps, places, continuous_quat(quat_from_rotation(local)))
 
 
 def find_ground(rig: Rig, posed: Posed, fps: float, options: ContactOptions | None = None) -> Ground:
@@ -163,7 +169,7 @@ def bend_toes(motion: Motion, rig: Rig, contact: BoolArray, seconds: float) -> M
         turn = world[:, toe]
         change = log_so3(swing(turn @ _UP, np.broadcast_to(_UP, (len(turn), 3))))
         level = exp_so3(blend(change, ball.astype(np.float64), motion.fps, seconds)) @ turn
-        quat[:, toe] = quat_from_matrix(np.swapaxes(world[:, rig.parents[toe]], -1, -2) @ level)
+        quat[:, toe] = quat_from_rotation(np.swapaxes(world[:, rig.parents[toe]], -1, -2) @ level)
     return replace(motion, quat_wxyz=continuous_quat(quat))
 
 
@@ -193,7 +199,7 @@ def fit_soles(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, second
         turns[:, shin] = np.swapaxes(above, -1, -2) @ lower @ world[:, shin, :3, :3]
         above = lower @ world[:, parents[foot], :3, :3]
         turns[:, foot] = np.swapaxes(above, -1, -2) @ world[:, foot, :3, :3]
-    return replace(motion, quat_wxyz=continuous_quat(quat_from_matrix(turns)))
+    return replace(motion, quat_wxyz=continuous_quat(quat_from_rotation(turns)))
 
 
 def plant(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, options: PlantOptions) -> Planted:

@@ -87,17 +87,19 @@ def measure_soles(rig: Rig, character: Character | None) -> Soles:
 
 
 def _skin(rig: Rig, character: Character, vertices: list[FloatArray], below: list[int]) -> FootSkin:
-    """The vertices of a foot at rest; weights of joints beside the rig are the foot's."""
-    index = np.full(len(character.skeleton), below[0])
-    index[list(rig.joints)] = np.arange(len(rig.joints))
-    points, weights = [np.zeros((0, 3))], [np.zeros((0, len(rig.joints)))]
+    """The vertices of a foot at rest; what of their weight other joints have than the rig's is the foot's."""
+    count = len(rig.joints)
+    index = np.full(len(character.skeleton), count)
+    index[list(rig.joints)] = np.arange(count)
+    points, weights = [np.zeros((0, 3))], [np.zeros((0, count))]
     for mesh, posed in zip(character.meshes, vertices, strict=True):
-        own = np.zeros((len(posed), len(rig.joints)))
+        own = np.zeros((len(posed), count + 1))
         for k in range(mesh.joints.shape[1]):
             np.add.at(own, (np.arange(len(posed)), index[mesh.joints[:, k]]), mesh.weights[:, k])
         chosen = own[:, below].sum(axis=1) > _MOST
         points.append((posed[chosen] - rig.mover_at_rest) @ rig.turn.T)
-        weights.append(own[chosen])
+        own[:, below[0]] += own[:, count]
+        weights.append(own[chosen, :count])
     return FootSkin(np.concatenate(points), np.concatenate(weights))
 
 

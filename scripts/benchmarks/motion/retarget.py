@@ -3,9 +3,8 @@
     python -m scripts.benchmarks.motion.retarget HERO.glb ... [--takes 12] [--recorded TAKE.bvh ...]
 
 Takes are generated, with true contacts (`generated_takes`), recorded ones are read. Directions are compared where
-inverse kinematics has no say: arms everywhere, legs without planting. A foot's drift is that of the middle of the
-sole's lowest vertices around the heel and ball that stand, against the middle of their contact; the sole's height is
-that of the foot's lowest vertex.
+inverse kinematics has no say: arms everywhere, legs without planting. A foot's drift is that of its heel and ball while
+they stand, over the ground, against the middle of each contact; the sole's height is that of the foot's lowest vertex.
 """
 
 from __future__ import annotations
@@ -190,8 +189,9 @@ def main() -> None:
             print(f"{path.stem} | {kind} | {s.direction_deg:.2f} | {s.drift_mm:.1f} | {soles} | {s.moved_mm:.0f} | "
                   f"{s.fps:.0f}", flush=True)  # fmt: skip
         kind, motion, roles = takes[0]
-        print(f"{path.stem} | A-pose against T-pose: {pose_difference_deg(character, motion, roles, found):.3f} deg, "
-              f"another first frame: {first_frame_difference_deg(character, motion, roles, found):.3f} deg")  # fmt: skip
+        pose = pose_difference_deg(character, motion, roles, found)
+        first = first_frame_difference_deg(character, motion, roles, found)
+        print(f"{path.stem} | A-pose against T-pose: {pose:.3f} deg, another first frame: {first:.3f} deg", flush=True)
 
 
 if __name__ == "__main__":

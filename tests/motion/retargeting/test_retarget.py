@@ -78,8 +78,11 @@ def test_a_body_on_its_own_skeleton_moves_as_it_did():
     assert done.scale == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("turn", [Rotation.from_euler("z", 120, degrees=True), Rotation.from_euler("x", -90, degrees=True)])
-def test_where_a_character_faces_at_rest_and_which_axis_is_up_do_not_matter(turn):
+@pytest.mark.parametrize(
+    "turn", [Rotation.from_euler("z", 120, degrees=True), Rotation.from_euler("x", -90, degrees=True)]
+)
+def test_where_a_character_faces_at_rest_and_which_axis_is_up_do_not_matter(axis, angle):
+    turn = Rotation.from_euler(axis, angle, degrees=True)
     motion, roles = source()
     body = human(np.random.default_rng(2), root=True, spine=4, fingers=4)
     straight, names = character(body)
