@@ -1,6 +1,7 @@
 """Which side of a symmetric body is its left, by what points forwards: toes, knees, elbows, thumbs, eyes."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def unit(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / (np.linalg.norm(vector) + 1e-12))
 
 
-def _saturated(value: float, scale: float) -> float:
+def _saturated(value: Any, scale: float) -> float:
     return float(np.tanh(value / scale))
 
 

@@ -63,7 +63,7 @@ class Tree:
 
     def end(self, j: int) -> FloatArray:
         """(3,) where a joint's bone ends: its tip where it is known, else the joint."""
-        return self.at[j] + np.nan_to_num(self.tips[j])
+        return np.asarray(self.at[j] + np.nan_to_num(self.tips[j]))
 
 
 def build_tree(skeleton: Skeleton) -> Tree:

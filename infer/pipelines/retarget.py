@@ -4,6 +4,7 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from muybridge.errors import FormatError, MuybridgeError
 from muybridge.files import replacing
 from muybridge.geometry.roles import RoleMap, find_roles, load_role_map, suggest_role_map
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.people import MOTION_BVH
 from muybridge.infer.session.discover import is_results
 from muybridge.motion.character.character import Character
@@ -220,6 +222,38 @@ def write_placed(placed: Sequence[Placed], target: Target, paths: Sequence[Path]
     if target.character.meshes:
         notices.append(f"{paths[0].name}: holds the skeleton and its motion, without the character's meshes")
     return notices
+
+
+def read_run_target(path: Path) -> Target:
+    """The character of a file that `muybridge run` puts motion onto.
+
+    Raises:
+        MuybridgeError: it cannot be written into a results folder as one file, or has no human body.
+    """
+    if path.suffix.lower() == ".gltf":
+        raise MuybridgeError(f"{path}: is of several files, which a results folder does not take; save it as .glb")
+    check_output([path], path)
+    target = read_target(path)
+    target.roles.require(str(path))
+    return target
+
+
+def retarget_results(folder: Path, target: Target, options: RetargetOptions | None = None) -> list[str]:
+    """Put the motion of every person in a results folder onto a character, whose file goes there; notices."""
+    takes = find_takes([folder])
+    names = clip_names(takes, None, target.character.clips)
+    placed = [place(take, target, name, options or RetargetOptions())
+              for take, name in zip(takes, names, strict=True)]  # fmt: skip
+    paths = output_paths(Path(target.character.path.name), target.character.path, names)
+    results, notices = OutputFolder(folder), [notice for one in placed for notice in one.notices]
+    groups = [placed] if len(paths) == 1 else [[one] for one in placed]
+    for path, group in zip(paths, groups, strict=True):
+        results.write(path.name, partial(_write_group, group, target, notices))
+    return list(dict.fromkeys(notices))
+
+
+def _write_group(group: Sequence[Placed], target: Target, notices: list[str], path: Path) -> None:
+    notices.extend(write_placed(group, target, [path]))
 
 
 def _write_clips(placed: Sequence[Placed], character: Character, path: Path) -> list[str]:

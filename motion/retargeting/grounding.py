@@ -29,6 +29,7 @@ _FEW = 10
 _JUMP, _JUMP_OF_STEPS = 0.15, 4.0  # of the leg, and of the usual largest step
 _STEPS = 400.0
 _TILT_STEP = 0.01  # radians; as for heights
+_PASSES = 2  # of fitting soles: skin that follows the shin too moves when that does
 _LIFT_S = 0.05  # over which a foot is lifted out of the floor
 _STEEP = 0.9  # sine
 _STIFF = 1e-3  # of quaternions
@@ -179,8 +180,12 @@ def fit_soles(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, second
     Planting takes feet for stiff pieces with a heel and a ball; their skin bends and has edges. Feet in the air are
     raised where they would be in the floor.
     """
-    if not soles.skins:
-        return motion
+    for _ in range(_PASSES if soles.skins else 0):
+        motion = _fitted_once(motion, rig, contact, soles, seconds)
+    return motion
+
+
+def _fitted_once(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, seconds: float) -> Motion:
     world, turns = motion.forward(), matrix_from_quat(motion.quat_wxyz)
     parents = motion.skeleton.parents
     for k, (side, skin) in enumerate(zip(SIDES, soles.skins, strict=True)):

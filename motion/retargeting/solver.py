@@ -97,7 +97,7 @@ def retarget(
     if not len(motion):
         raise ValueError("a motion without frames cannot be put onto a character")
     source = named_part(make_rig(motion.skeleton, roles, motion=motion))
-    target = make_rig(character.skeleton, character_roles, character.root_at_rest)
+    target = make_rig(character.skeleton, character_roles, character.root_at_rest, character.motion)
     target = replace(target, tips=_of_feet(target))
     legs = legs_of(target)
     low = part_of(target, legs)

@@ -6,8 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from muybridge.errors import MuybridgeError
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.pipelines.retarget import clip_names, find_takes, output_paths
+from muybridge.infer.pipelines.retarget import (
+    clip_names,
+    find_takes,
+    output_paths,
+    read_run_target,
+    retarget_results,
+)
 from muybridge.motion.character import read_character
 from muybridge.motion.formats.registry import write_file
 from muybridge.motion.take import Take
@@ -134,3 +141,16 @@ def test_names_of_clips_and_files():
     assert output_paths(None, Path("x/hero.glb"), ["walk"]) == [Path("hero_walk.glb")]
     assert output_paths(None, Path("hero.vrm"), ["walk", "run"]) == [Path("hero_takes.vrm")]
     assert output_paths(None, Path("hero.fbx"), ["walk", "run"]) == [Path("hero_walk.fbx"), Path("hero_run.fbx")]
+
+
+def test_motion_of_a_results_folder_goes_onto_a_character(tmp_path, take, hero):
+    results = tmp_path / "results"
+    (results / "work").mkdir(parents=True)
+    (results / "work" / "manifest.json").write_text(json.dumps({"files": {}}))
+    (results / "motion.bvh").write_bytes(take.read_bytes())
+    for _ in range(2):  # the second run replaces what the first one wrote
+        notices = retarget_results(results, read_run_target(hero))
+        assert all("no foot stands" in notice for notice in notices)
+        assert read_character(results / "hero.glb").clips[-1] == "motion"
+    with pytest.raises(MuybridgeError, match="save it as .glb"):
+        read_run_target(tmp_path / "hero.gltf")
