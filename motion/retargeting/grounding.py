@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.ik.two_bone import move_two_bone
@@ -118,10 +119,10 @@ def _with_stiff_toes(motion: Motion, rig: Rig) -> Motion:
 
 
 def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seconds: float) -> FloatArray:
-    """(T, K, 3, 3) with the soles level where heel and ball stand, from side to side where one of them does, and as
-    far as possible as they were elsewhere.
+    """(T, K, 3, 3) with the soles of standing feet level from side to side, and as they were elsewhere.
 
-    How a foot is turned at rest against one that stands is taken from the whole take; what is left is blended.
+    How a foot is turned at rest against one that stands is taken from the whole take; what is left of its roll is
+    blended. Planting levels it from heel to ball.
     """
     out = turns.copy()
     for k, side in enumerate(SIDES):
@@ -135,9 +136,8 @@ def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seco
         stands = contact[:, k].any(-1)
         if stands.any():
             ahead = foot_frame(rig, side)[:, 0]
-            change = np.where(flat[:, None], log_so3(swing(was @ _UP, np.broadcast_to(_UP, (len(was), 3)))),
-                              _without_roll(was, ahead))  # fmt: skip
-            was = exp_so3(blend(change, stands.astype(np.float64), fps, seconds)) @ was
+            roll = blend(_without_roll(was, ahead), stands.astype(np.float64), fps, seconds)
+            was = exp_so3(roll) @ was
         change_below = was @ np.swapaxes(out[:, foot], -1, -2)
         for j in range(len(rig.parents)):
             if foot in rig.above(j):
@@ -185,6 +185,14 @@ def fit_soles(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, second
     return motion
 
 
+def _away_from(stands: BoolArray, frames: float) -> FloatArray:
+    """(T,) 0 while a foot stands, rising smoothly to 1 so many frames away from that."""
+    if not stands.any():
+        return np.ones(len(stands))
+    share = np.clip(distance_transform_edt(~stands) / max(frames, 1.0), 0.0, 1.0)
+    return np.asarray(share * share * (3 - 2 * share))
+
+
 def _fitted_once(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, seconds: float) -> Motion:
     world, turns = motion.forward(), matrix_from_quat(motion.quat_wxyz)
     parents = motion.skeleton.parents
@@ -194,7 +202,7 @@ def _fitted_once(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, sec
         rise = blend(-low[:, None], stands.astype(np.float64), motion.fps, seconds)[:, 0]
         rise = np.where(stands, -low, rise)
         deep = np.where(stands, 0.0, np.maximum(-low - rise, 0.0))
-        rise = rise + np.where(stands, 0.0, smooth_bound(deep, _LIFT_S * motion.fps))
+        rise = rise + smooth_bound(deep, _LIFT_S * motion.fps) * _away_from(stands, _LIFT_S * motion.fps)
         hip, knee, ankle = (world[:, j, :3, 3] for j in (thigh, shin, foot))
         ahead = world[:, thigh, :3, :3] @ np.array([0.0, -1.0, 0.0])
         upper, lower, _ = move_two_bone((hip, knee, ankle), hip, ankle + rise[:, None] * _UP, ahead)
