@@ -108,7 +108,7 @@ def joints_of_map(skeleton: Skeleton, values: Mapping[str, str]) -> dict[str, in
 
 
 def in_order(skeleton: Skeleton, roles: Mapping[str, int]) -> bool:
-    """Whether roles fit the tree: limbs from the body outwards, the two sides apart, no joint twice."""
+    """Whether roles fit the tree: limbs from the hips outwards, the two sides apart, no joint twice."""
     if len(set(roles.values())) < len(roles):
         return False
     above = skeleton.is_ancestor
@@ -123,4 +123,6 @@ def in_order(skeleton: Skeleton, roles: Mapping[str, int]) -> bool:
                 return False
     arms = [roles[f"{side}_upper_arm"] for side in ("left", "right") if f"{side}_upper_arm" in roles]
     legs = [roles[f"{side}_thigh"] for side in ("left", "right") if f"{side}_thigh" in roles]
+    if "hips" in roles and not all(above[roles["hips"], leg] for leg in legs):
+        return False
     return not any(above[leg, arm] or above[arm, leg] for leg in legs for arm in arms)

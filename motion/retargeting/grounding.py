@@ -126,14 +126,14 @@ def level_feet(turns: FloatArray, rig: Rig, contact: BoolArray, fps: float, seco
     """
     out = turns.copy()
     for k, side in enumerate(SIDES):
-        foot, flat = rig.roles[f"{side}_foot"], contact[:, k].all(-1)
+        foot, flat = rig.roles[f"{side}_foot"], np.asarray(contact[:, k].all(-1))
         was = out[:, foot].copy()
         if flat.any():
             up = unit((np.swapaxes(was[flat], -1, -2) @ _UP).mean(axis=0))
             tilt = np.round(log_so3(swing(_UP, up)) / _TILT_STEP) * _TILT_STEP
             size = float(np.linalg.norm(tilt))
             was = was @ exp_so3(tilt * min(1.0, _MOST_TILT / max(size, 1e-9)))
-        stands = contact[:, k].any(-1)
+        stands = np.asarray(contact[:, k].any(-1))
         if stands.any():
             ahead = foot_frame(rig, side)[:, 0]
             roll = blend(_without_roll(was, ahead), stands.astype(np.float64), fps, seconds)
@@ -198,7 +198,7 @@ def _fitted_once(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, sec
     parents = motion.skeleton.parents
     for k, (side, skin) in enumerate(zip(SIDES, soles.skins, strict=True)):
         thigh, shin, foot = (rig.roles[f"{side}_{part}"] for part in ("thigh", "shin", "foot"))
-        low, stands = skin.lowest(rig, world[..., :3, :3], world[..., :3, 3]), contact[:, k].any(-1)
+        low, stands = skin.lowest(rig, world[..., :3, :3], world[..., :3, 3]), np.asarray(contact[:, k].any(-1))
         rise = blend(-low[:, None], stands.astype(np.float64), motion.fps, seconds)[:, 0]
         rise = np.where(stands, -low, rise)
         deep = np.where(stands, 0.0, np.maximum(-low - rise, 0.0))

@@ -92,7 +92,12 @@ def human(rng, pose="t", legs=1.0, arms=1.0, head=1.0, hand=1.0, spine=3, neck=1
     last = top if split_pelvis else pelvis
     chest_z = hip + 0.42
     for k in range(spine):
-        last = b.add(f"spine{k}", last, np.array([0, 0, hip + (chest_z - hip) * (k + 0.4) / spine]) + noise())
+        last = b.add(
+            f"spine{k}",
+            last,
+            np.array([0, 0, hip + (chest_z - hip) * (k + 0.4) / spine]) + noise(),
+            "" if k else "spine",
+        )
     chest = last if spine else pelvis
     neck_z = hip + 0.5
     for k in range(neck):

@@ -97,6 +97,17 @@ def test_names_that_do_not_fit_the_tree_are_passed_over():
     assert found.how == "geometry" and _core(found) == {role: truth[role] for role in CORE_ROLES}
 
 
+def test_a_name_that_means_another_joint_in_another_program_is_not_taken():
+    rng = np.random.default_rng(0)
+    skeleton, truth = human(rng).build(None, 1.0, rng)
+    names = list(skeleton.names)
+    for role in CORE_ROLES:
+        names[truth[role]] = PROFILES["rigify"][role]
+    names[truth["hips"]], names[truth["spine"]] = "hips", "spine"  # Rigify's hips are called spine
+    found = find_roles(replace(skeleton, names=tuple(names)))
+    assert _core(found) == {role: truth[role] for role in CORE_ROLES}
+
+
 def test_a_files_own_table_counts_before_names():
     rng = np.random.default_rng(0)
     skeleton, truth = human(rng).build(None, 1.0, rng)
