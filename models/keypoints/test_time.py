@@ -173,12 +173,13 @@ def _read_again(
             for k, turn in enumerate(quarters[uncertain]):
                 total[k] += np.rot90(values[k], -turn, axes=(1, 2))
     for out, total in zip(maps, totals, strict=True):
-        out[uncertain] = _weighted(total, 1 / weights)
+        out[uncertain] = _weighted(total, np.reciprocal(weights))
 
 
 def _weights(heatmaps: Float32Array, card: KeypointModelCard) -> Float32Array:
     """(N,) inverse variance of crops by their heatmaps (N, J, h, h), the geometric mean over the landmarks."""
-    return np.exp(-np.log(card.decode(heatmaps).variance_crop_px2).mean(axis=1)).astype(np.float32)
+    spread = np.log(card.decode(heatmaps).variance_crop_px2).mean(axis=1)
+    return np.asarray(np.exp(-spread), dtype=np.float32)
 
 
 def _weighted(values: Float32Array, weight: Float32Array) -> Float32Array:

@@ -90,7 +90,7 @@ def find_legs(
         tip = np.asarray(skeleton.tips[toe]) if toe >= 0 else np.full(3, np.nan)
         if np.isfinite(tip).all() and not _bends(skeleton, toe, quat_wxyz):
             ball = ball + tip
-        legs.append(Leg(*chain, toe, heel, ball))
+        legs.append(Leg(chain[0], chain[1], chain[2], toe, heel, ball))
     return legs[0], legs[1]
 
 

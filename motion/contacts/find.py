@@ -185,7 +185,7 @@ def with_floor(contacts: Contacts, feet: FootPoints) -> Contacts:
 
 def _smoothed(feet: FootPoints, smoothing: float) -> tuple[FloatArray, BoolArray]:
     """(T, 2, 2, 3) metres with gaps bridged, and (T, 2, 2) where there was none."""
-    known = np.isfinite(feet.places).all(-1)
+    known = np.asarray(np.isfinite(feet.places).all(-1))
     filled = np.where(known[..., None], feet.places, _bridged(feet.places, known))
     return gaussian_filter1d(filled, max(smoothing * feet.fps, 1e-3), axis=0, mode="nearest"), known
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3
@@ -49,7 +50,7 @@ def plan_foot(
         fps: frames per second.
         seconds: over which corrections fade.
     """
-    flat = contact.all(1)
+    flat = np.asarray(contact.all(1))
     wanted = _flat_orientations(turns, flat, leg, floor, clearance)
     change = blend(log_so3(wanted @ np.swapaxes(turns, -1, -2)), flat.astype(np.float64), fps, seconds)
     turned = exp_so3(change) @ turns
@@ -57,18 +58,26 @@ def plan_foot(
         only = contact[:, pivot] & ~contact[:, point]
         turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
     target = _targets(ankle, turned, leg, contact, floor, clearance)
-    standing = contact.any(1)
+    standing = np.asarray(contact.any(1))
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
     place = ankle + moved
     deep = np.max([clearance[p] - floor.heights(place + turned @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
-    lift = smooth_bound(np.where(standing, 0.0, np.maximum(deep, 0.0)), _LIFT_S * fps)
-    moved = moved + np.where(standing, 0.0, lift)[:, None] * np.array(floor.normal)
+    moved = moved + _lift(deep, ~standing, fps)[:, None] * np.array(floor.normal)
     return FootPlan(ankle + moved, turned, moved)
 
 
 def _offset(leg: Leg, point: int) -> FloatArray:
     return leg.heel if point == HEEL else leg.ball
+
+
+def _lift(deep: FloatArray, where: BoolArray, fps: float) -> FloatArray:
+    """(T,) metres to lift by: smooth, at least what is `deep` (T,), and no more than that beside frames left alone."""
+    least = np.where(where, np.maximum(deep, 0.0), 0.0)
+    if where.all() or not least.any():
+        return smooth_bound(least, _LIFT_S * fps)
+    inside = np.clip(distance_transform_edt(where) / (_LIFT_S * fps + 1.0), 0.0, 1.0)
+    return np.where(where, least + inside * (smooth_bound(least, _LIFT_S * fps) - least), 0.0)
 
 
 def _flat_orientations(turns: FloatArray, flat: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray) -> FloatArray:
@@ -97,10 +106,9 @@ def _lifted_about(
     now = turns @ away
     rise = now @ normal
     least = clearance[point] - clearance[BALL if point == HEEL else HEEL]
-    deep = np.where(only, np.maximum(least - rise, 0.0), 0.0)
-    if not deep.any():
+    lift = _lift(least - rise, only, fps)
+    if not lift.any():
         return turns
-    lift = np.where(only, smooth_bound(deep, _LIFT_S * fps), 0.0)
     level = now - rise[:, None] * normal
     axis = np.cross(level, normal)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True) + 1e-12
@@ -119,8 +127,8 @@ def _targets(
     out = ankle.copy()
     heel, ball = (ankle + turns @ _offset(leg, p) for p in (HEEL, BALL))
     lever = turns @ (leg.ball - leg.heel)
-    flat = contact.all(1)
-    for start, stop in contact_spans(contact.any(1)):
+    flat = np.asarray(contact.all(1))
+    for start, stop in contact_spans(np.asarray(contact.any(1))):
         fixed: list[tuple[int, int, FloatArray]] = []  # contacts of the heel whose place is known
         for a, b in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, BALL])):
             place = floor.onto(ball[a:b].mean(0), clearance[BALL])

@@ -150,7 +150,7 @@ def _following(world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], 
         matrix += weight * (along @ np.swapaxes(along, -1, -2) + _STAY * np.eye(3))
         side += weight * along * (np.swapaxes(along, -1, -2) @ plan.moved[..., None])
     shift = np.linalg.solve(matrix, side)[..., 0]
-    return gaussian_filter1d(shift, max(frames / 3, 1e-3), axis=0, mode="nearest")
+    return np.asarray(gaussian_filter1d(shift, max(frames / 3, 1e-3), axis=0, mode="nearest"))
 
 
 def _bend_leg(

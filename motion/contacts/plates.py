@@ -61,7 +61,7 @@ def plate_loads(take: C3DTake) -> tuple[PlateLoad, ...]:
     out = []
     for k, kind in enumerate(kinds[: min(corners.shape[2], channels.shape[1])]):
         vertical = _VERTICAL.get(kind)
-        columns = [] if vertical is None else channels[vertical, k].astype(int) - 1
+        columns = np.zeros(0, int) if vertical is None else channels[vertical, k].astype(int) - 1
         if not len(columns) or min(columns) < 0 or max(columns) >= analog.values.shape[1]:
             continue
         force = _force_at_frames(
@@ -77,7 +77,7 @@ def _force_at_frames(samples: FloatArray, per_frame: float, frames: int) -> Floa
     offset = float(np.median(samples[np.abs(samples) <= quiet[-1]])) if quiet[-1] < _OFFSET_N else 0.0
     smooth = uniform_filter1d(samples - offset, max(1, round(per_frame)), mode="nearest")
     at = np.minimum(np.rint(np.arange(frames) * per_frame).astype(int), len(smooth) - 1)
-    return np.abs(smooth[at])
+    return np.asarray(np.abs(smooth[at]))
 
 
 def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> tuple[BoolArray, BoolArray]:
@@ -95,8 +95,8 @@ def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> 
     count = min(len(probability), len(load.force))
     here, loaded = places[:count], load.loaded[:count]
     free[:count] = (load.carries(here, _INSIDE_M).all(-1) & ~loaded[:, None])[..., None]
-    over = load.carries(here, _OVER_M).any(-1)
-    likely = probability[:count].max(-1)
+    over = np.asarray(load.carries(here, _OVER_M).any(-1))
+    likely = np.asarray(probability[:count].max(-1))
     ahead = ~over[:, ::-1] | (likely > likely[:, ::-1])  # of a foot that only swings over the plate
     frames, feet = np.nonzero(over & ahead & loaded[:, None])
     stands[frames, feet, probability[frames, feet].argmax(-1)] = True

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def duration(thing: Editable) -> float:
 def select_frames(thing: T, frames: Any) -> T:
     """Some frames: whatever indexes an array's first axis and keeps it (a slice, a mask, indices)."""
     if isinstance(thing, Motion):
-        return thing.select(frames)
+        return cast(T, thing.select(frames))  # type: ignore[redundant-cast]
     return replace(
         thing,
         points_world=thing.points_world[frames],
@@ -98,7 +98,7 @@ def placed(thing: T, yaw: FloatArray | float, shift: FloatArray) -> T:
     if isinstance(thing, Motion):
         places, quat = roots_of(thing)
         moved = (matrix @ places[..., None])[..., 0] + shift
-        return with_roots(thing, moved, multiply_quat(turn[..., None, :], quat))
+        return cast(T, with_roots(thing, moved, multiply_quat(turn[..., None, :], quat)))  # type: ignore[redundant-cast]
     return replace(
         thing,
         points_world=(matrix @ thing.points_world[..., None])[..., 0] + shift,
@@ -136,6 +136,6 @@ def start_place(thing: Editable) -> FloatArray:
     """(3,) metres: where the body, or the middle of the points, is at the start."""
     if isinstance(thing, Motion):
         return np.asarray(thing.select(slice(0, 1)).joint_positions_world()[0, body_joint(thing)])
-    known = np.isfinite(thing.points_world).all(axis=-1)
+    known = np.asarray(np.isfinite(thing.points_world).all(axis=-1))
     first = int(np.argmax(known.any(axis=1)))
     return np.asarray(thing.points_world[first, known[first]].mean(axis=0))

@@ -1,6 +1,7 @@
 """Smoothing over time of all that moves in a take."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -8,10 +9,10 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.smoothing.filters import METHODS, FilterOptions, residual_cutoff, smooth_rotations
 from muybridge.geometry.smoothing.filters import smooth as smooth_values
-from muybridge.motion.editing.channels import T, check_editable, per_channel
+from muybridge.motion.editing.channels import Editable, T, check_editable, per_channel
 
 
-def cutoff_of(thing: T) -> float:
+def cutoff_of(thing: Editable) -> float:
     """Hz: the cut-off that residual analysis finds for the points, or for the positions of a motion's joints."""
     check_editable(thing)
     return residual_cutoff(
@@ -43,10 +44,14 @@ def smooth(thing: T, cutoff: float | None = None, method: str = "butterworth") -
         cutoff = cutoff_of(thing)
     options = FilterOptions(cutoff_hz=cutoff)
     if isinstance(thing, Points3D):
-        return replace(thing, points_world=smooth_values(thing.points_world, thing.fps, method, options))
+        return cast(T, _smooth_points(thing, method, options))  # type: ignore[redundant-cast]
     fps = thing.fps
     return per_channel(
         thing,
         lambda x: np.asarray(smooth_values(x, fps, method, options)),
         lambda q: smooth_rotations(q, fps, method, options),
     )
+
+
+def _smooth_points(points: Points3D, method: str, options: FilterOptions) -> Points3D:
+    return replace(points, points_world=smooth_values(points.points_world, points.fps, method, options))

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.numerics.rotations import (
     conjugate_quat,
@@ -94,9 +94,10 @@ def find_loop(motion: Motion, shortest: float | None = None, longest: float | No
                              f"({low / motion.fps:g} s)")  # fmt: skip
     poses, speeds = _features(motion)
     stride = max(1, -(-len(motion) // _MOST_COMPARED))
-    start, end = _best(poses, speeds, np.arange(0, last + 1, stride), np.arange(0, last + 1, stride), low, high)
+    every = np.arange(0, last + 1, stride, dtype=np.intp)
+    start, end = _best(poses, speeds, every, every, low, high)
     if stride > 1:
-        around = np.arange(-stride, stride + 1)
+        around = np.arange(-stride, stride + 1, dtype=np.intp)
         start, end = _best(poses, speeds, np.unique(np.clip(start + around, 0, last)),
                            np.unique(np.clip(end + around, 0, last)), low, high)  # fmt: skip
     gaps = [float(np.linalg.norm(x[end] - x[start])) for x in (poses, speeds)]
@@ -116,7 +117,7 @@ def _features(motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def _best(
-    poses: FloatArray, speeds: FloatArray, starts: FloatArray, ends: FloatArray, low: int, high: int
+    poses: FloatArray, speeds: FloatArray, starts: IndexArray, ends: IndexArray, low: int, high: int
 ) -> tuple[int, int]:
     features = np.concatenate([poses, _VELOCITY_WEIGHT * speeds], axis=1)
     a, b = features[starts], features[ends]
@@ -183,7 +184,7 @@ def _spread(
     start: FloatArray, second: FloatArray, last_but_one: FloatArray, end: FloatArray, count: int, reach: int
 ) -> FloatArray:
     """(count, ...) corrections with given values in the two frames at either end, from one end to the other."""
-    frames = np.arange(count).reshape(-1, *[1] * start.ndim)
+    frames = np.arange(count, dtype=np.float64).reshape(-1, *[1] * start.ndim)
     s = frames / (count - 1)
     out = start + (end - start) * s * s * (3 - 2 * s)
     reach = int(np.clip(reach, 2, (count - 1) // 2))

@@ -6,7 +6,7 @@ leads from its own bone at rest to the image of its counterpart's. Bones keep th
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def mirror(thing: T, plane: Plane = "start") -> T:
         MuybridgeError: the skeleton or the names have no two sides, or the clip is empty.
     """
     check_editable(thing)
-    return _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane)
+    return cast(T, _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane))  # type: ignore[redundant-cast]
 
 
 def rest_images(skeleton: Skeleton, sides: Sides) -> RestImages:
@@ -206,7 +206,7 @@ def _mirror_points(points: Points3D, plane: Plane) -> Points3D:
 
 def _plane_of_points(places: FloatArray, fps: float, pairs: dict[int, int]) -> tuple[FloatArray, FloatArray]:
     left, right = places[:, list(pairs)], places[:, list(pairs.values())]
-    known = np.isfinite(left).all(axis=-1) & np.isfinite(right).all(axis=-1)
+    known = np.asarray(np.isfinite(left).all(axis=-1) & np.isfinite(right).all(axis=-1))
     if not known.any():
         raise MuybridgeError("no pair of left and right points is known in any frame")
     first = int(np.argmax(known.any(axis=1)))

@@ -1,7 +1,7 @@
 """Where a take is in the world, and how large: turned, moved, put on the floor, scaled."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -94,16 +94,24 @@ def scale(thing: T, factor: float) -> T:
     if not 0 < factor < np.inf:
         raise MuybridgeError(f"the factor must be above zero, not {factor:g}")
     if isinstance(thing, Points3D):
-        return replace(
-            thing, points_world=thing.points_world * factor, covariance_world=thing.covariance_world * factor**2
-        )
-    skeleton = replace(thing.skeleton, offsets=thing.skeleton.offsets * factor, tips=thing.skeleton.tips * factor)
+        return cast(T, _scaled_points(thing, factor))  # type: ignore[redundant-cast]
+    return cast(T, _scaled_motion(thing, factor))  # type: ignore[redundant-cast]
+
+
+def _scaled_points(points: Points3D, factor: float) -> Points3D:
+    return replace(
+        points, points_world=points.points_world * factor, covariance_world=points.covariance_world * factor**2
+    )
+
+
+def _scaled_motion(motion: Motion, factor: float) -> Motion:
+    skeleton = replace(motion.skeleton, offsets=motion.skeleton.offsets * factor, tips=motion.skeleton.tips * factor)
     return Motion(
         skeleton,
-        thing.fps,
-        thing.root_positions_world * factor,
-        thing.quat_wxyz,
-        None if thing.translations is None else thing.translations * factor,
+        motion.fps,
+        motion.root_positions_world * factor,
+        motion.quat_wxyz,
+        None if motion.translations is None else motion.translations * factor,
     )
 
 

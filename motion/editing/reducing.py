@@ -121,7 +121,8 @@ def _neighbours(keys: BoolArray) -> tuple[IndexArray, IndexArray, FloatArray]:
 
 def _between_keys(values: FloatArray, keys: BoolArray, between: _Between) -> FloatArray:
     low, high, share = _neighbours(keys)
-    out = between(*(np.take_along_axis(values, at[..., None], axis=0) for at in (low, high)), share)
+    before, after = (np.take_along_axis(values, at[..., None], axis=0) for at in (low, high))
+    out = between(before, after, share)
     return np.where(keys[..., None], values, out)
 
 

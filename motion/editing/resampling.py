@@ -1,6 +1,7 @@
 """Another frame rate: cubic interpolation that passes through every frame, of rotations in their tangent space."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -40,10 +41,10 @@ def resample(thing: T, fps: float) -> T:
     at = np.arange(new) * thing.fps / fps
     at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
     before = np.clip(at.astype(np.intp), 0, count - 1)
-    share = at - before
+    share = np.asarray(at - before, dtype=np.float64)
     if isinstance(thing, Motion):
         moved = per_channel(thing, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
-        return replace(moved, fps=fps)
+        return cast(T, replace(moved, fps=fps))  # type: ignore[redundant-cast]
     return _points(thing, fps, before, share)
 
 

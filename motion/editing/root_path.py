@@ -67,7 +67,7 @@ def _yaw(turns: FloatArray) -> FloatArray:
         return np.zeros(len(turns))
     frames = np.arange(len(turns))
     yaw = np.unwrap(2 * np.arctan2(quat[clear, 3], quat[clear, 0]))
-    return np.interp(frames, frames[clear], yaw)
+    return np.asarray(np.interp(frames, frames[clear], yaw))
 
 
 def _smooth(values: FloatArray, sigma: float) -> FloatArray:

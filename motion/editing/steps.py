@@ -110,10 +110,10 @@ def _mirror(take: Take, plane: str) -> tuple[Take, str]:
     skeleton = take.motion.skeleton
     sides = find_sides(skeleton)
     pairs = {j: p for j, p in enumerate(sides.partner) if p > j}
-    first = next(iter(pairs.items()))
+    a, b = next(iter(pairs.items()))
     how = ", ".join(f"{count} by {source}" for source, count in sides.how.items() if count)
-    note = (f"{len(pairs)} pairs of joints exchanged ({how}), such as {skeleton.names[first[0]]} with "
-            f"{skeleton.names[first[1]]}; {len(skeleton) - 2 * len(pairs)} in the middle")  # fmt: skip
+    note = (f"{len(pairs)} pairs of joints exchanged ({how}), such as {skeleton.names[a]} with "
+            f"{skeleton.names[b]}; {len(skeleton) - 2 * len(pairs)} in the middle")  # fmt: skip
     if sides.alone:
         note += f", of which without a counterpart {', '.join(skeleton.names[j] for j in sides.alone[:5])}"
     angle = np.degrees(rest_images(skeleton, sides).largest_angle)
@@ -179,8 +179,6 @@ def _plant(take: Take) -> tuple[Take, str]:
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
     note = (f"{count} contacts of heels and balls stand still; ankles are moved by at most "
             f"{planted.moved_feet_m * 1e3:.0f} mm, the root by {planted.moved_root_m * 1e3:.0f} mm")  # fmt: skip
-    if planted.stretched > 1e-3:
-        note += f"; legs are stretched by up to {planted.stretched:.1%}"
     return replace(take, motion=planted.motion, keys=None), note
 
 

@@ -1,4 +1,4 @@
-from .renderer import Render as Render
+from .labels import Render as Render
 from .renderer import Renderer as Renderer
 from .store import RenderSet as RenderSet
 from .store import load_renders as load_renders

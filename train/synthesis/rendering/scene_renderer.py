@@ -103,7 +103,7 @@ class SceneRenderer:
         expose(rgba, people if people.any() else owner != NOBODY)
         rgba, things = _antialias(rgba, owner)
         if not self.scene.people:
-            return SceneRender(*_nobody(rgba, shadow), things=things)
+            return _nobody(rgba, shadow, things)
         shape = self._shapes[subject]
         landmarks = self.scene.people[subject].landmarks
         px, visible, box = landmark_labels(view, shape, metres, landmarks)
@@ -156,7 +156,7 @@ class SceneRenderer:
         r.ctx.enable(r.gl.DEPTH_TEST)
         target.use()  # type: ignore[attr-defined]
         target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
-        owner = np.full((view.height, view.width), NOBODY, np.int16)
+        owner = np.full((view.height, view.width), NOBODY, np.int64)
         metres = np.full(owner.shape, np.inf, np.float32)
 
         def claim(number: int) -> None:
@@ -179,8 +179,8 @@ class SceneRenderer:
         """Boxes (OTHERS, 4) and visible shares (OTHERS,) of the people besides the subject, the most visible first."""
         boxes, shares = np.full((OTHERS, 4), np.nan, np.float32), np.zeros(OTHERS, np.float32)
         found = [_extent(view, s, owner, k) for k, s in enumerate(self._shapes) if k != subject]
-        found = sorted((f for f in found if f is not None), key=lambda f: -f[1])[:OTHERS]
-        for k, (box, share) in enumerate(found):
+        shown = sorted((f for f in found if f is not None), key=lambda f: -f[1])[:OTHERS]
+        for k, (box, share) in enumerate(shown):
             boxes[k], shares[k] = box, share
         return boxes, shares
 
@@ -223,7 +223,8 @@ def _antialias(rgba: ByteArray, owner: IntArray) -> tuple[ByteArray, ByteArray]:
     return planes[..., :4].copy(), np.minimum(planes[..., 4], planes[..., 3])
 
 
-def _nobody(rgba: ByteArray, shadow: ByteArray) -> tuple[ByteArray, ByteArray, *tuple[np.ndarray, ...]]:
-    """The fields of a `Render` without a person."""
+def _nobody(rgba: ByteArray, shadow: ByteArray, things: ByteArray) -> SceneRender:
+    """A render without a person."""
     nan, count = np.full((max(23, len(SURFACE)), 4), np.nan, np.float32), len(SURFACE)
-    return rgba, shadow, nan[:23, :2], np.zeros(23, bool), nan[0], nan[:count, :2], np.zeros(count, bool)
+    hidden = np.zeros(max(23, count), bool)
+    return SceneRender(rgba, shadow, nan[:23, :2], hidden[:23], nan[0], nan[:count, :2], hidden[:count], things=things)

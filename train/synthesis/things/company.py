@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from muybridge.arrays import FloatArray
@@ -148,11 +149,12 @@ class Member:
         i = self.skeleton.index(bone)
         return np.asarray(self._origins[0, i] + self._rotations[0, i] @ (np.array(offset) * self.k))
 
-    def spot(self, bone: str, toward: Sequence[float], out: float = PALM) -> FloatArray:
+    def spot(self, bone: str, toward: ArrayLike, out: float = PALM) -> FloatArray:
         """(3,) world: `out` metres over the skin where a ray from the origin of `bone` in the direction `toward` (axes
         of the body at rest) leaves the body."""
         i = self.skeleton.index(bone)
-        way = np.array(toward) / np.linalg.norm(toward)
+        way = np.asarray(toward, float)
+        way = way / np.linalg.norm(way)
         offset = self.skeleton.surface - self.skeleton.rest[i]
         along = offset @ way
         aside = np.linalg.norm(offset - along[:, None] * way, axis=1)
@@ -236,7 +238,7 @@ def _depth(points: FloatArray, body: Outside) -> float:
 def bring_together(
     mover: Member,
     others: Sequence[Member],
-    way: Sequence[float],
+    way: ArrayLike,
     start: float,
     least: float = 0.0,
     soft: float = SOFT,
@@ -244,7 +246,8 @@ def bring_together(
 ) -> None:
     """Move a settled person `start` metres along `way` (3,) and back until touching one of `others` (or the floor, if
     from above), or until `least` metres remain; legs may touch if not `legs`."""
-    step = np.array(way, float) / np.linalg.norm(way)
+    step = np.array(way, float)
+    step /= np.linalg.norm(step)
     me, them = mover.outside(legs), [o.outside() for o in others]
     bottom = mover.skin[:, 2].min() if step[2] else np.inf
 
