@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.roles import find_roles
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.retarget import (
     clip_names,
@@ -16,10 +17,10 @@ from muybridge.infer.pipelines.retarget import (
     retarget_results,
 )
 from muybridge.motion.character import read_character
-from muybridge.motion.formats.registry import write_file
+from muybridge.motion.formats.registry import read_file, write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import four_legged, human
-from tests.motion.retargeting.test_retarget import moving
+from tests.motion.retargeting.test_retarget import directions, moving
 
 QUIET = 0.1
 
@@ -59,6 +60,10 @@ def test_a_folder_of_takes_becomes_clips_of_their_names(tmp_path, hero):
     out = tmp_path / "out.glb"
     assert run_command(["retarget", str(folder), "--to", str(hero), "--out", str(out), "--no-plant"]) == 0
     assert read_character(out).clips[-2:] == ("run", "walk")
+    motion, hero = read_file(folder / "walk.bvh").motion, read_character(out, "walk")
+    roles = [find_roles(skeleton).roles for skeleton in (motion.skeleton, hero.skeleton)]
+    gap = directions(motion, roles[0]) - directions(hero.motion, roles[1])
+    assert np.abs(gap).max() < 1e-3, "as single precision in the file has it"
 
 
 def test_takes_on_a_bvh_are_files_each(tmp_path, take, capsys):
