@@ -39,11 +39,13 @@ REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "other_session": "choose another folder, or pass overwrite=True",
     "overwrite": "choose another name, or pass overwrite=True",
+    "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
     "points_or_lens": "add points, or pass the camera with its lens in lenses",
     "pseudo_labels": "make one with `muybridge.models.pseudo_labels.save_pseudo_labels`",
     "rename_labels": "rename them, learn what they mean with muybridge.infer.labelling.learn_set.learn_marker_set and "
     "pass the set as markerset, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
+    "role_map": "pass a map of roles; `muybridge.geometry.roles.suggest_role_map` makes one to start from",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",

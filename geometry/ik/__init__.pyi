@@ -10,6 +10,7 @@ from .tree import Goal as Goal
 from .tree import KinematicTree as KinematicTree
 from .tree import chain_of_balls as chain_of_balls
 from .tree import tree_of_skeleton as tree_of_skeleton
+from .two_bone import move_two_bone as move_two_bone
 from .two_bone import solve_two_bone as solve_two_bone
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "chain_of_balls",
     "fit_prior",
     "load_prior",
+    "move_two_bone",
     "save_prior",
     "solve_ik",
     "solve_two_bone",

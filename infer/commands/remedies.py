@@ -45,11 +45,13 @@ COMMAND_REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "other_session": "choose another --out, or give --overwrite",
     "overwrite": "choose another name, or give --overwrite",
+    "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
     "points_or_lens": "add points, or give the lens with --lenses",
     "pseudo_labels": "`muybridge adapt SESSION` makes one",
     "rename_labels": "rename them, learn what they mean with `muybridge markerset from {path} --out set.txt` and solve "
     "with --markerset set.txt, or name unlabelled points with `muybridge label`",
+    "role_map": "name its joints in a file with --map; `muybridge retarget --suggest` writes one to start from",
     "session_results": "leave out --out to get the folder `muybridge` inside the session",
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",

@@ -1,4 +1,4 @@
-"""Contacts of feet with the ground: finding them, and how much the feet slide in them."""
+"""Contacts of feet with the ground: finding them, planting the feet, and how much they slide."""
 
 import lazy_loader as _lazy
 

@@ -20,9 +20,10 @@ MAGIC = b"Kaydara FBX Binary  \x00\x1a\x00"
 # Readers compare these with the file's time of creation, so all three are constants.
 CREATION_TIME = "1970-01-01 10:00:00:000"
 FILE_ID = bytes.fromhex("28b32aebb624ccc2bfc8b02aa92bfcf1")
-_FOOT_ID = bytes.fromhex("fabcab09d0c8d466b176fb831cf7267e")
-_FOOT_END = bytes.fromhex("f85a8c6adef5d97eece90ce3758f290b")
-_NOTHING = bytes(13)
+FOOT_ID = bytes.fromhex("fabcab09d0c8d466b176fb831cf7267e")
+FOOT_END = bytes.fromhex("f85a8c6adef5d97eece90ce3758f290b")
+# Of version 7.5 on, positions have 64 bits.
+WIDE = 7500
 _ARRAYS = {"f": np.float32, "d": np.float64, "i": np.int32, "q": np.int64}
 _LETTERS = {"f": b"f", "d": b"d", "i": b"i", "q": b"l"}
 _COMPRESSED_FROM = 128  # bytes
@@ -89,24 +90,35 @@ def write_fbx_nodes(path: Path, nodes: list[Node]) -> None:
     """Write a file of these nodes; OutputError where it cannot be written."""
     body = bytearray(MAGIC + struct.pack("<I", VERSION))
     for node in nodes:
-        _append(body, node)
-    body += _NOTHING + _FOOT_ID + bytes(4)
-    body += bytes(16 - len(body) % 16) + struct.pack("<I", VERSION) + bytes(120) + _FOOT_END
+        append_node(body, node)
+    body += end_mark(VERSION) + FOOT_ID + bytes(4)
+    body += bytes(16 - len(body) % 16) + struct.pack("<I", VERSION) + bytes(120) + FOOT_END
     with replacing(path) as temporary:
         temporary.write_bytes(bytes(body))
 
 
-def _append(body: bytearray, node: Node) -> None:
-    start, name = len(body), node.name.encode("ascii")
+def head_of(version: int) -> str:
+    """The layout of where a node ends, how many properties it has and how many bytes they take."""
+    return "<QQQ" if version >= WIDE else "<III"
+
+
+def end_mark(version: int) -> bytes:
+    """What ends a list of nodes."""
+    return bytes(struct.calcsize(head_of(version)) + 1)
+
+
+def append_node(body: bytearray, node: Node, version: int = VERSION) -> None:
+    """Add a node at the end of a file of some version."""
+    start, name, layout = len(body), node.name.encode("ascii"), head_of(version)
     properties = b"".join(_encoded(p) for p in node.properties)
-    body += bytes(12) + struct.pack("<B", len(name)) + name + properties
+    body += bytes(struct.calcsize(layout)) + struct.pack("<B", len(name)) + name + properties
     for child in node.children or []:
-        _append(body, child)
+        append_node(body, child, version)
     if node.children is not None:
-        body += _NOTHING
-    if len(body) > 0xFFFFFFFF:
+        body += end_mark(version)
+    if layout == "<III" and len(body) > 0xFFFFFFFF:
         raise FormatError("the take is too long for FBX, whose files end at 4 GB; write shorter pieces")
-    struct.pack_into("<III", body, start, len(body), len(node.properties), len(properties))
+    struct.pack_into(layout, body, start, len(body), len(node.properties), len(properties))
 
 
 def _encoded(value: Property) -> bytes:
@@ -147,7 +159,7 @@ def _read_nodes(path: Path, data: bytes) -> Node:
     if not 7000 <= version < 8000:
         raise FormatError(f"{path}: FBX of version {version / 1000:g}; export it as FBX 2013 or newer (7.3 to 7.7)")
     out, at = Node("", (), []), len(MAGIC) + 4
-    reader = _Reader(data, "<QQQ" if version >= 7500 else "<III")
+    reader = _Reader(data, head_of(version))
     while True:
         node, at = reader.node(at, len(data))
         if node is None:

@@ -1,5 +1,6 @@
 """Reading a skeleton and its animation from a binary FBX file, whichever program wrote it."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,44 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
         return _read(Path(path), clip, error)
 
 
+@dataclass
+class FbxRig:
+    """The joints of a file.
+
+    Attributes:
+        scene: of the file, moved by one of its animations.
+        above: the models above the joints, parents first.
+        order: the joints and the ends of bones, parents first.
+        joints: those of `order` that are joints.
+        tips: the end of a joint's bone, by the joint.
+        notices: what was left out, one sentence each.
+    """
+
+    scene: Scene
+    above: list[int]
+    order: list[int]
+    joints: list[int]
+    tips: dict[int, int]
+    notices: list[str]
+
+    @property
+    def parents(self) -> list[int]:
+        """(J,) the parent of each joint among the joints, -1 for a root."""
+        place = {n: k for k, n in enumerate(self.joints)}
+        return [place.get(self.scene.models[n].parent, -1) for n in self.joints]
+
+
 def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Motion, tuple[str, ...]]:
-    scene = read_scene(read_fbx_nodes(path), error, clip)
+    rig = read_rig(path, read_scene(read_fbx_nodes(path), error, clip), clip, error)
+    return _motion(rig, error), tuple(rig.notices)
+
+
+def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFactory) -> FbxRig:
+    """The joints of a scene's largest skeleton.
+
+    Raises:
+        FormatError: there is none, or a model is its own ancestor.
+    """
     above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
     if not above:
         raise error("holds no skeleton (no limb nodes)")
@@ -59,7 +96,18 @@ def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Moti
         notices.append(f"{path.name}: of {len(trees)} skeletons {kept!r} was read, {', '.join(names)} not")
     if clip is None and len(scene.clips) > 1:
         notices.append(f"{path.name}: the first of its {len(scene.clips)} clips was read, {scene.clips[0]!r}")
-    return _motion(scene, trees[largest], error), tuple(notices)
+    lines = trees[largest]
+    limbs = {line[-1] for line in lines}
+    wanted: set[int] = set()
+    for line in lines:
+        wanted.update(line[next(k for k, n in enumerate(line) if n in limbs) :])
+    order = _parents_first(scene, wanted)
+    higher = _parents_first(scene, {n for line in lines for n in line} - wanted)
+    children = {n: [m for m in order if scene.models[m].parent == n] for n in order}
+    ends = {n for n in order if scene.models[n].parent in wanted and _is_end(scene, n, children)}
+    joints = [n for n in order if n not in ends]
+    tips = {n: children[n][0] for n in joints if children[n] and set(children[n]) <= ends}
+    return FbxRig(scene, higher, order, joints, tips, notices)
 
 
 def _above(scene: Scene, number: int, error: ErrorFactory) -> list[int]:
@@ -73,27 +121,16 @@ def _above(scene: Scene, number: int, error: ErrorFactory) -> list[int]:
     return line
 
 
-def _motion(scene: Scene, lines: list[list[int]], error: ErrorFactory) -> Motion:
-    """The motion of the limbs at the ends of `lines`, each with the models above it, and of the models between them."""
-    limbs = {line[-1] for line in lines}
-    wanted: set[int] = set()
-    for line in lines:
-        wanted.update(line[next(k for k, n in enumerate(line) if n in limbs) :])
-    order = _parents_first(scene, wanted)
-    above = _parents_first(scene, {n for line in lines for n in line} - wanted)
-    fps, times = _even_times(scene, order, error)
-    turns, places, sizes = _forward(scene, _parents_first(scene, {*above, *order}), times, error)
-    rest = _rest(scene, above, order)
-    children = {n: [m for m in order if scene.models[m].parent == n] for n in order}
-    ends = {n for n in order if scene.models[n].parent in wanted and _is_end(scene, n, children)}
-    kept = [n for n in order if n not in ends]
+def _motion(rig: FbxRig, error: ErrorFactory) -> Motion:
+    scene, kept = rig.scene, rig.joints
+    fps, times = even_times(scene, rig.order, error)
+    turns, places, sizes = forward(rig, times, error)
+    rest = rest_turns(rig)
     tips = np.full((len(kept), 3), np.nan)
-    for k, n in enumerate(kept):
-        if children[n] and set(children[n]) <= ends:
-            tips[k] = scene.metres * sizes[n] * scene.models[children[n][0]].vectors["Lcl Translation"]
+    for n, end in rig.tips.items():
+        tips[kept.index(n)] = scene.metres * sizes[n] * scene.models[end].vectors["Lcl Translation"]
     return motion_from_frames(
-        [scene.models[n].name for n in kept],
-        [kept.index(scene.models[n].parent) if scene.models[n].parent in wanted else -1 for n in kept],
+        [scene.models[n].name for n in kept], rig.parents,
         scene.axes @ np.stack([turns[n] for n in kept], axis=1),
         scene.metres * np.stack([places[n] for n in kept], axis=1) @ scene.axes.T,
         scene.axes @ np.stack([rest[n] for n in kept]), tips, fps, scene.axes, _bound_translations(scene, kept),
@@ -133,7 +170,8 @@ def _is_end(scene: Scene, number: int, children: dict[int, list[int]]) -> bool:
     return named and not children[number] and not model.curves
 
 
-def _even_times(scene: Scene, order: list[int], error: ErrorFactory) -> tuple[float, FloatArray]:
+def even_times(scene: Scene, order: list[int], error: ErrorFactory) -> tuple[float, FloatArray]:
+    """Frames per second, and (T,) seconds of the frames from the first key of some models to the last."""
     curves = [curve for n in order for curve in scene.models[n].curves.values()]
     fps = scene.fps if np.isfinite(scene.fps) else _DEFAULT_FPS
     if not curves:
@@ -148,25 +186,32 @@ def _even_times(scene: Scene, order: list[int], error: ErrorFactory) -> tuple[fl
     return fps, frame_times(first, last, fps, sum(len(c.times) for c in curves), error)
 
 
-def _forward(
-    scene: Scene, order: list[int], times: FloatArray, error: ErrorFactory
+def forward(
+    rig: FbxRig, times: FloatArray, error: ErrorFactory, still: bool = False
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray], dict[int, float]]:
-    """Orientation (T, 3, 3), place (T, 3) and size in the scene of models, parents first."""
+    """Orientation (T, 3, 3), place (T, 3) and size in the scene of a rig's models; `still`: without animation."""
+    scene = rig.scene
     turns: dict[int, FloatArray] = {0: np.broadcast_to(np.eye(3), (len(times), 3, 3))}
     places: dict[int, FloatArray] = {0: np.zeros((len(times), 3))}
     sizes = {0: 1.0}
+    order = _parents_first(scene, {*rig.above, *rig.order})
     for n in order:
-        model = scene.models[n]
+        model = replace(scene.models[n], curves={}) if still else scene.models[n]
         size = _size(model, times, error)
         turn = model.turns(model.over_time("Lcl Rotation", times))
-        v = model.vectors
-        within = v["ScalingOffset"] + (1 - size) * v["ScalingPivot"] - v["RotationPivot"]
-        place = model.over_time("Lcl Translation", times) + v["RotationOffset"] + v["RotationPivot"] + turn @ within
+        place = model.over_time("Lcl Translation", times) + shift_of_pivots(model, turn, size)
         p = model.parent
         turns[n] = turns[p] @ turn
         places[n] = places[p] + sizes[p] * (turns[p] @ place[..., None])[..., 0]
         sizes[n] = sizes[p] * size
     return turns, places, sizes
+
+
+def shift_of_pivots(model: Model, turns: FloatArray, size: float) -> FloatArray:
+    """(T, 3) what a model's pivots add to its translation where it turns by (T, 3, 3)."""
+    v = model.vectors
+    within = v["ScalingOffset"] + (1 - size) * v["ScalingPivot"] - v["RotationPivot"]
+    return np.asarray(v["RotationOffset"] + v["RotationPivot"] + turns @ within)
 
 
 def _size(model: Model, times: FloatArray, error: ErrorFactory) -> float:
@@ -177,14 +222,15 @@ def _size(model: Model, times: FloatArray, error: ErrorFactory) -> float:
     return size
 
 
-def _rest(scene: Scene, above: list[int], order: list[int]) -> dict[int, FloatArray]:
+def rest_turns(rig: FbxRig) -> dict[int, FloatArray]:
     """World from joint at rest, (3, 3) each: as bound, else as its node is without rotation of its own."""
+    scene = rig.scene
     still = np.zeros((1, 3))
     rest: dict[int, FloatArray] = {0: np.eye(3)}
-    for n in above:
+    for n in rig.above:
         model = scene.models[n]
         rest[n] = rest[model.parent] @ model.turns(model.vectors["Lcl Rotation"][None])[0]
-    for n in order:
+    for n in rig.order:
         model = scene.models[n]
         rest[n] = rest[model.parent] @ model.turns(still)[0]
         if n in scene.bound and np.isfinite(scene.bound[n]).all():

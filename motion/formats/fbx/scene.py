@@ -137,6 +137,9 @@ class Scene:
         axes: (3, 3) our world (Z up) from the file's.
         fps: as the file states it, NaN where it does not.
         clips: names of its animation stacks.
+        top: the file's nodes.
+        objects: by their numbers.
+        links: what each connection joins.
     """
 
     models: dict[int, Model]
@@ -145,6 +148,21 @@ class Scene:
     axes: FloatArray
     fps: float
     clips: tuple[str, ...]
+    top: Node
+    objects: Objects
+    links: Links
+
+    def below(self, number: object, kind: str, what: str | None = None) -> list[Any]:
+        """Numbers of the objects of one kind that are connected to another, in the file's order.
+
+        Args:
+            number: of the other.
+            kind: name of their nodes.
+            what: the property of the other that they are connected to; None for any.
+        """
+        return [link[1] for link in self.links
+                if link[2] == number and link[1] in self.objects and self.objects[link[1]].name == kind
+                and (what is None or link[3:4] == (what,))]  # fmt: skip
 
 
 def read_scene(top: Node, error: ErrorFactory, clip: str | int | None = None) -> Scene:
@@ -164,11 +182,11 @@ def read_scene(top: Node, error: ErrorFactory, clip: str | int | None = None) ->
     names = different_names([str((*o.properties[1:2], "")[0]).split("\x00")[0] for o in stacks.values()])
     number = choose_clip(names, clip, error)
     _animate(models, objects, links, None if number is None else list(stacks)[number], error)
-    settings = next((_properties(n) for n in top.all("GlobalSettings")), {})
-    return Scene(models, _bound(models, objects, links), *_units(settings, error), names)
+    settings = next((properties(n) for n in top.all("GlobalSettings")), {})
+    return Scene(models, _bound(models, objects, links), *_units(settings, error), names, top, objects, links)
 
 
-def _properties(node: Node) -> Table:
+def properties(node: Node) -> Table:
     """Values of an object's `Properties70`, by their names."""
     lines = [line.properties for table in node.all("Properties70") for line in table.all("P")]
     return {str(line[0]): tuple(line[4:]) for line in lines if len(line) > 4}
@@ -180,14 +198,14 @@ def _template(top: Node) -> Table:
         for kind in definitions.all("ObjectType"):
             if kind.properties[:1] == ("Model",):
                 for template in kind.all("PropertyTemplate"):
-                    return _properties(template)
+                    return properties(template)
     return {}
 
 
 def _model(node: Node, defaults: Table, error: ErrorFactory) -> Model:
     name, kind = (str(p) for p in (*node.properties[1:3], "", "")[:2])
     name = name.split("\x00")[0]
-    own = {**defaults, **_properties(node)}
+    own = {**defaults, **properties(node)}
     vectors = {}
     for what, usual in _VECTORS.items():
         vectors[what] = np.array(own.get(what, (usual,) * 3)[:3], dtype=object)

@@ -13,13 +13,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from muybridge import __version__
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton.local_frames import motion_frames, own_axes, rest_frames
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.fbx.container import CREATION_TIME, FILE_ID, VERSION, Node, Table, write_fbx_nodes
-from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES, TICKS_A_SECOND
+from muybridge.motion.formats.fbx.curves import add_curves, add_stack, object_name, take, ticks
+from muybridge.motion.formats.fbx.scene import CUSTOM_RATE, RATES
 from muybridge.motion.formats.skeletal.bone_meshes import BoneMesh, bone_mesh
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.euler import smooth_euler
@@ -27,9 +28,6 @@ from muybridge.motion.formats.skeletal.euler import smooth_euler
 CM = 100.0
 _RATE_NUMBERS = {rate: number for number, rate in reversed(RATES.items()) if rate.is_integer()}
 _TAKE = "Take 001"
-# Keys with linear interpolation: no tangents; the numbers are the defaults.
-_LINEAR = np.array([4], np.int32)
-_TANGENTS = np.array([0, 0, 9.419963346924634e-30, 0], np.float32)
 _DOCUMENT, _STACK, _LAYER, _MESH, _GEOMETRY, _SKIN, _POSE, _MATERIAL, _HOLDER = range(100001, 100010)
 # Numbers of a joint's objects, joint j having base + j; of its curves three each.
 _JOINT, _ATTRIBUTE, _CLUSTER, _END, _END_ATTRIBUTE = (200000, 300000, 400000, 500000, 600000)
@@ -58,15 +56,6 @@ def write_fbx(path: Path, motion: Motion) -> None:
     write_fbx_nodes(path, [*_head(motion), _definitions(objects), objects, links, _takes(motion)])
 
 
-def _name(name: str, kind: str) -> str:
-    """A name in the form of binary files: the name, two marks, its class."""
-    return f"{name}\x00\x01{kind}"
-
-
-def _ticks(frame: int, fps: float) -> int:
-    return round(frame * TICKS_A_SECOND / fps)
-
-
 def _head(motion: Motion) -> list[Node]:
     header = Node("FBXHeaderExtension", (), [])
     header.add("FBXHeaderVersion", np.int32(1003))
@@ -92,7 +81,7 @@ def _head(motion: Motion) -> list[Node]:
     table.number("UnitScaleFactor", 1.0).number("OriginalUnitScaleFactor", 1.0)
     table.integer("TimeMode", _RATE_NUMBERS.get(motion.fps, CUSTOM_RATE), "enum").number("CustomFrameRate", motion.fps)
     table.line("TimeSpanStart", "KTime", "Time", "", 0)
-    table.line("TimeSpanStop", "KTime", "Time", "", _ticks(len(motion) - 1, motion.fps))
+    table.line("TimeSpanStop", "KTime", "Time", "", ticks(len(motion) - 1, motion.fps))
     settings = Node("GlobalSettings", (), [Node("Version", (np.int32(1000),)), table.node])
     documents = Node("Documents", (), [Node("Count", (np.int32(1),))])
     scene = documents.add("Document", _DOCUMENT, "Scene", "Scene", children=[])
@@ -114,11 +103,7 @@ def _definitions(objects: Node) -> Node:
 
 def _takes(motion: Motion) -> Node:
     out = Node("Takes", (), [Node("Current", (_TAKE,))])
-    span = (0, _ticks(len(motion) - 1, motion.fps))
-    take = out.add("Take", _TAKE, children=[])
-    take.add("FileName", "Take_001.tak")
-    take.add("LocalTime", *span)
-    take.add("ReferenceTime", *span)
+    out.append(take(_TAKE, ticks(len(motion) - 1, motion.fps)))
     return out
 
 
@@ -133,7 +118,7 @@ def _model(number: int, name: str, kind: str, place: FloatArray, turn: FloatArra
     table.line("Lcl Scaling", "Lcl Scaling", "", "A", 1.0, 1.0, 1.0)
     seen = [Node("Shading", (True,)), Node("Culling", ("CullingOff",))]
     children = [Node("Version", (np.int32(232),)), table.node, *seen]
-    return Node("Model", (number, _name(name, "Model"), kind), children)
+    return Node("Model", (number, object_name(name, "Model"), kind), children)
 
 
 def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, length: float, model: Node) -> None:
@@ -141,7 +126,7 @@ def _limb(objects: Node, links: Node, numbers: tuple[int, int, int], name: str, 
     number, attribute, parent = numbers
     size = Table().number("Size", length).node
     attributes = [Node("TypeFlags", ("Skeleton",)), size]
-    objects.append(Node("NodeAttribute", (attribute, _name(name, "NodeAttribute"), "LimbNode"), attributes))
+    objects.append(Node("NodeAttribute", (attribute, object_name(name, "NodeAttribute"), "LimbNode"), attributes))
     objects.append(model)
     links.add("C", "OO", number, parent)
     links.add("C", "OO", attribute, number)
@@ -165,7 +150,7 @@ def _add_joints(objects: Node, links: Node, skeleton: Skeleton, ends: Iterable[i
         tip = CM * axes[j].T @ skeleton.tips[j]
         numbers, name = (_END + j, _END_ATTRIBUTE + j, _JOINT + j), f"{skeleton.names[j]}_End"
         _limb(objects, links, numbers, name, float(np.linalg.norm(tip)), _model(_END + j, name, "LimbNode", tip))
-    pose = Node("Pose", (_POSE, _name("BindPose", "Pose"), "BindPose"), [])
+    pose = Node("Pose", (_POSE, object_name("BindPose", "Pose"), "BindPose"), [])
     pose.add("Type", "BindPose")
     pose.add("Version", np.int32(100))
     pose.add("NbPoseNodes", np.int32(len(skeleton) + 1))
@@ -195,15 +180,15 @@ def _add_mesh(objects: Node, links: Node, skeleton: Skeleton) -> None:
     objects.append(_model(_MESH, "bones", "Mesh", np.zeros(3)))
     material = Table().line("DiffuseColor", "Color", "", "A", 0.8, 0.62, 0.36).node
     children = [Node("Version", (np.int32(102),)), Node("ShadingModel", ("lambert",)), material]
-    objects.append(Node("Material", (_MATERIAL, _name("bones", "Material"), ""), children))
+    objects.append(Node("Material", (_MATERIAL, object_name("bones", "Material"), ""), children))
     skin = [Node("Version", (np.int32(101),)), Node("Link_DeformAcuracy", (50.0,))]
-    objects.append(Node("Deformer", (_SKIN, _name("bones", "Deformer"), "Skin"), skin))
+    objects.append(Node("Deformer", (_SKIN, object_name("bones", "Deformer"), "Skin"), skin))
     for child, parent in ((_MESH, 0), (_GEOMETRY, _MESH), (_MATERIAL, _MESH), (_SKIN, _GEOMETRY)):
         links.add("C", "OO", child, parent)
     bind = _bind(skeleton)
     for j, name in enumerate(skeleton.names):
         moved = np.flatnonzero(mesh.joints == j).astype(np.int32)
-        cluster = Node("Deformer", (_CLUSTER + j, _name(name, "SubDeformer"), "Cluster"), [])
+        cluster = Node("Deformer", (_CLUSTER + j, object_name(name, "SubDeformer"), "Cluster"), [])
         cluster.add("Version", np.int32(100))
         cluster.add("UserData", "", "")
         if len(moved):
@@ -225,7 +210,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _geometry(mesh: BoneMesh) -> Node:
-    out = Node("Geometry", (_GEOMETRY, _name("bones", "Geometry"), "Mesh"), [])
+    out = Node("Geometry", (_GEOMETRY, object_name("bones", "Geometry"), "Mesh"), [])
     corners = np.arange(len(mesh.positions), dtype=np.int32)
     corners[2::3] = ~corners[2::3]  # the last of a face is negative
     out.add("GeometryVersion", np.int32(124))
@@ -250,14 +235,8 @@ def _geometry(mesh: BoneMesh) -> Node:
 
 def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
     """Every joint's angles, and the translations of roots and of joints that slide: one key per frame."""
-    last = _ticks(len(motion) - 1, motion.fps)
-    table = Table()
-    for key, at in (("LocalStart", 0), ("LocalStop", last), ("ReferenceStart", 0), ("ReferenceStop", last)):
-        table.line(key, "KTime", "Time", "", at)
-    objects.append(Node("AnimationStack", (_STACK, _name(_TAKE, "AnimStack"), ""), [table.node]))
-    objects.append(Node("AnimationLayer", (_LAYER, _name("BaseLayer", "AnimLayer"), ""), []))
-    links.add("C", "OO", _LAYER, _STACK)
-    times = np.array([_ticks(t, motion.fps) for t in range(len(motion))], np.int64)
+    add_stack(objects, links, (_STACK, _LAYER), _TAKE, ticks(len(motion) - 1, motion.fps))
+    times = np.array([ticks(t, motion.fps) for t in range(len(motion))], np.int64)
     skeleton = motion.skeleton
     turns, places = motion_frames(motion, BVH_FROM_WORLD.T)
     if skeleton.axes is None:  # without a detour over matrices, which rounds
@@ -268,27 +247,9 @@ def _add_animation(objects: Node, links: Node, motion: Motion) -> None:
     angles = np.degrees(smooth_euler(xyzw, "xyz"))  # FBX's order: about X first
     root = CM * motion.root_positions_world @ BVH_FROM_WORLD.T
     for j in range(len(skeleton)):
-        _add_curves(objects, links, "R", "Lcl Rotation", j, times, angles[:, j])
+        moved = [("R", "Lcl Rotation", angles[:, j])]
         if j == 0 or j in skeleton.sliding:
-            _add_curves(objects, links, "T", "Lcl Translation", j, times, CM * places[:, j] if j else root)
-
-
-def _add_curves(objects: Node, links: Node, kind: str, what: str, j: int, times: IntArray, values: FloatArray) -> None:
-    """Three curves of joint `j`: keys at `times` (T,) of `values` (T, 3)."""
-    number, table = _NODE_OF[kind] + j, Table()
-    for axis, first in zip("XYZ", values[0], strict=True):
-        table.line(f"d|{axis}", "Number", "", "A", float(first))
-    objects.append(Node("AnimationCurveNode", (number, _name(kind, "AnimCurveNode"), ""), [table.node]))
-    links.add("C", "OO", number, _LAYER)
-    links.add("C", "OP", number, _JOINT + j, what)
-    for k, axis in enumerate("XYZ"):
-        curve = Node("AnimationCurve", (_CURVE_OF[kind] + 3 * j + k, _name("", "AnimCurve"), ""), [])
-        curve.add("Default", float(values[0, k]))
-        curve.add("KeyVer", np.int32(4008))
-        curve.add("KeyTime", times)
-        curve.add("KeyValueFloat", values[:, k].astype(np.float32))
-        curve.add("KeyAttrFlags", _LINEAR)
-        curve.add("KeyAttrDataFloat", _TANGENTS)
-        curve.add("KeyAttrRefCount", np.array([len(times)], np.int32))
-        objects.append(curve)
-        links.add("C", "OP", _CURVE_OF[kind] + 3 * j + k, number, f"d|{axis}")
+            moved.append(("T", "Lcl Translation", CM * places[:, j] if j else root))
+        for kind, what, values in moved:
+            numbers = (_NODE_OF[kind] + j, _CURVE_OF[kind] + 3 * j)
+            add_curves(objects, links, numbers, _LAYER, _JOINT + j, what, times, values)

@@ -11,6 +11,12 @@ from muybridge.motion.formats.gltf.container import Document
 
 _EVEN = 1e-3  # relative difference of a node's scales that counts as none
 
+# Thumbs have the same three bones in VRM 0 and 1, under names that differ by one.
+_THUMBS_OF_VRM_0 = {
+    f"{side}Thumb{old}": f"{side}Thumb{new}"
+    for side in ("left", "right") for old, new in (("Proximal", "Metacarpal"), ("Intermediate", "Proximal"))
+}  # fmt: skip
+
 
 @dataclass
 class Node:
@@ -20,8 +26,9 @@ class Node:
         name: as in the file, or made of its number.
         parent: its number, -1 at the top of a scene.
         translation: (3,) in the parent's axes and size.
-        rotation: (3, 3) parent from node.
+        rotation: (3, 3) parent from node, without its scales.
         scales: (3,) along the node's own axes.
+        linear: (3, 3) parent from node with its scales, and the shear that a matrix may have.
         tip: (3,) the end of the bone, which our own files state; None elsewhere.
         drawn: whether it has a mesh, a camera or a light.
     """
@@ -31,6 +38,7 @@ class Node:
     translation: FloatArray
     rotation: FloatArray
     scales: FloatArray
+    linear: FloatArray
     tip: FloatArray | None
     drawn: bool
 
@@ -62,12 +70,11 @@ def _node(document: Document, i: int, raw: dict[str, Any], parent: int) -> Node:
     name = str(raw.get("name") or f"node_{i}")
     if "matrix" in raw:
         matrix = _vector(document, raw["matrix"], 16, f"the matrix of node {i}").reshape(4, 4).T
-        translation, axes = matrix[:3, 3], matrix[:3, :3]
-        scales = np.linalg.norm(axes, axis=0)
-        rotation = axes / np.where(scales > 0, scales, 1.0)
-        if np.linalg.det(rotation) < 0 or not np.allclose(rotation.T @ rotation, np.eye(3), atol=_EVEN):
-            scales = np.full(3, -1.0)  # mirrored or sheared: refused where a joint is below
-            rotation = np.eye(3)
+        translation, linear = matrix[:3, 3], matrix[:3, :3]
+        scales = np.linalg.norm(linear, axis=0)
+        rotation = nearest_rotation(linear)
+        if np.linalg.det(linear) < 0:
+            scales = -scales
     else:
         translation = _vector(document, raw.get("translation", [0, 0, 0]), 3, f"the translation of node {i}")
         quat = _vector(document, raw.get("rotation", [0, 0, 0, 1]), 4, f"the rotation of node {i}")
@@ -75,9 +82,10 @@ def _node(document: Document, i: int, raw: dict[str, Any], parent: int) -> Node:
         if not np.linalg.norm(quat) > 1e-6:
             raise document.error(f"the rotation of node {i} is zero")
         rotation = matrix_from_quat(np.roll(quat, 1))
+        linear = rotation * scales
     place = None if tip is None else _vector(document, tip, 3, f"the tip of node {i}")
     drawn = any(key in raw for key in ("mesh", "camera")) or "KHR_lights_punctual" in raw.get("extensions", {})
-    return Node(name, parent, translation, rotation, scales, place, drawn)
+    return Node(name, parent, translation, rotation, scales, linear, place, drawn)
 
 
 def _vector(document: Document, values: Any, count: int, what: str) -> FloatArray:
@@ -90,6 +98,16 @@ def _vector(document: Document, values: Any, count: int, what: str) -> FloatArra
 def even_scale(scales: FloatArray) -> bool:
     """Whether (..., 3) scales are positive and equal along the three axes, to a thousandth."""
     return bool((scales > 0).all() and (np.ptp(scales, axis=-1) <= _EVEN * scales.max(axis=-1)).all())
+
+
+def nearest_rotation(linear: FloatArray) -> FloatArray:
+    """(..., 3, 3) the rotation that is nearest to a linear map, by its polar decomposition.
+
+    Of a map that mirrors, the rotation nearest to its negative: where a rotation turns the map, it turns this too.
+    """
+    u, _, vt = np.linalg.svd(linear)
+    turn = u @ vt
+    return np.asarray(turn * np.sign(np.linalg.det(turn))[..., None, None])
 
 
 def path_to(nodes: list[Node], n: int) -> list[int]:
@@ -129,7 +147,9 @@ def choose_joints(document: Document, nodes: list[Node]) -> JointChoice:
     skins = document.json.get("skins") or []
     if skins:
         return _of_skins(document, nodes, skins)
-    chosen = _humanoid(document.json.get("extensions") or {}) or _animated(document.json.get("animations") or [])
+    chosen = set(humanoid_bones(document.json.get("extensions") or {}).values()) or _animated(
+        document.json.get("animations") or []
+    )
     chosen = {n for n in chosen if 0 <= n < len(nodes)}
     if not chosen:
         raise document.error("holds no skin, no VRM humanoid and no animated node, so no skeleton")
@@ -172,15 +192,19 @@ def _with_nodes_between(nodes: list[Node], chosen: set[int]) -> list[int]:
     return sorted(wanted, key=lambda n: (len(path_to(nodes, n)), n))
 
 
-def _humanoid(extensions: dict[str, Any]) -> set[int]:
-    """Nodes of a VRM humanoid: VRM 1.0, its animations, or VRM 0.x."""
+def humanoid_bones(extensions: dict[str, Any]) -> dict[str, int]:
+    """Nodes of a VRM humanoid by the names of VRM 1.0's bones: VRM 1.0, its animations, or VRM 0.x."""
     for name in ("VRMC_vrm", "VRMC_vrm_animation", "VRM"):
         bones = (extensions.get(name) or {}).get("humanoid", {}).get("humanBones", {})
-        entries = bones.values() if isinstance(bones, dict) else bones
-        found = {entry["node"] for entry in entries if isinstance(entry.get("node"), int)}
+        if isinstance(bones, dict):
+            found = {str(bone): entry.get("node") for bone, entry in bones.items()}
+        else:
+            found = {_THUMBS_OF_VRM_0.get(str(entry.get("bone")), str(entry.get("bone"))): entry.get("node")
+                     for entry in bones}  # fmt: skip
+        found = {bone: n for bone, n in found.items() if isinstance(n, int)}
         if found:
             return found
-    return set()
+    return {}
 
 
 def _animated(animations: list[dict[str, Any]]) -> set[int]:

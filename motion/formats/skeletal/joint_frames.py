@@ -1,6 +1,7 @@
 """A motion from the positions and orientations of its joints in the world, as other programs' files give them."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -78,6 +79,69 @@ def motion_from_frames(
     )
     translations = np.stack(slides, axis=1) if slides else None
     return Motion(skeleton, fps, places[:, 0], continuous_quat(quat_from_matrix(local)), translations)
+
+
+def skeleton_at_rest(
+    names: Sequence[str],
+    parents: Sequence[int],
+    rest: FloatArray,
+    places: FloatArray,
+    tips: FloatArray,
+    world_from_file: FloatArray,
+) -> Skeleton:
+    """The skeleton of joints whose frames at rest are known; no joint slides but further roots.
+
+    Args:
+        names: of the J joints; of those of one name all but the first get a number.
+        parents: (J,) -1 for a root, the first joint a root, parents before children.
+        rest: (J, 3, 3) world from joint.
+        places: (J, 3) metres.
+        tips: (J, 3) metres from joints to the ends of their bones, in the world; NaN where there is none.
+        world_from_file: (3, 3) axes of the file; a joint with these has no axes of its own.
+    """
+    free = np.full((len(parents), 3), np.inf)
+    return Skeleton(
+        names=different_names(names),
+        parents=tuple(parents),
+        offsets=np.stack([places[i] - places[max(p, 0)] for i, p in enumerate(parents)]),
+        tips=tips,
+        twist_axis=(2,) * len(parents),
+        lower=-free,
+        upper=free,
+        axes=None if np.allclose(rest, world_from_file, atol=1e-7) else rest,
+        sliding=tuple(i for i, p in enumerate(parents) if p < 0 and i),
+    )
+
+
+def motion_of_skeleton(
+    skeleton: Skeleton, turns: FloatArray, places: FloatArray, fps: float, world_from_file: FloatArray
+) -> Motion:
+    """The motion of a skeleton whose joints' frames are known; joints that leave their place slide.
+
+    Args:
+        skeleton: whose offsets hold wherever they can.
+        turns: (T, J, 3, 3) world from joint, in the joint's own axes.
+        places: (T, J, 3) metres.
+        fps: frames per second.
+        world_from_file: (3, 3) the axes at rest of a skeleton without axes of its own.
+    """
+    parents = skeleton.parents
+    rest = np.tile(world_from_file, (len(parents), 1, 1)) if skeleton.axes is None else skeleton.axes
+    world = turns @ np.swapaxes(rest, 1, 2)
+    local, sliding, slides = world.copy(), [], []
+    for i, p in enumerate(parents):
+        if p < 0:
+            shift = places[:, i]
+        else:
+            up = np.swapaxes(world[:, p], 1, 2)
+            local[:, i] = up @ world[:, i]
+            shift = (up @ (places[:, i] - places[:, p])[..., None])[..., 0]
+        if i and (p < 0 or np.abs(shift - skeleton.offsets[i]).max(initial=0.0) > _SLIDE_M):
+            sliding.append(i)
+            slides.append(shift)
+    moved = replace(skeleton, sliding=tuple(sliding))
+    quat = continuous_quat(quat_from_matrix(local))
+    return Motion(moved, fps, places[:, 0], quat, np.stack(slides, axis=1) if slides else None)
 
 
 def frame_times(first: float, last: float, fps: float, keys: int, error: Callable[[str], FormatError]) -> FloatArray:

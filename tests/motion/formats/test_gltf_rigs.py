@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from muybridge.errors import FormatError
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
 from muybridge.motion.formats.gltf.read import read_gltf, read_gltf_take
 from muybridge.motion.formats.gltf.write import write_glb
@@ -109,13 +109,43 @@ def test_only_scales_above_joints_matter(tmp_path):
         {"name": "prop", "scale": [-1, 1, 1]},
     ]
     assert len(read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]])).skeleton) == 2
-    nodes[0]["scale"] = [1, 1, -1]
-    with pytest.raises(FormatError, match=r"node 0 \(hips\) stretches or mirrors what is below it"):
-        read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]]))
-    nodes[0].pop("scale")
-    nodes[0]["matrix"] = np.diag([-1.0, 1, 1, 1]).ravel().tolist()
-    with pytest.raises(FormatError, match=r"node 0 \(hips\) stretches or mirrors"):
-        read_gltf(write(tmp_path / "m.glb", nodes, [[0, 1]]))
+    assert not read_gltf_take(tmp_path / "m.glb").notices
+
+
+@pytest.mark.parametrize("linear", [np.diag([1.0, 1, -1]), np.diag([1.0, 2, 1]), [[1, 0.2, 0], [0, 1, 0], [0, 0, 2]]])
+@pytest.mark.parametrize("how", ["matrix", "scale", "above"])
+def test_joints_below_nodes_that_stretch_or_mirror_are_where_they_are(tmp_path, linear, how):
+    linear = np.array(linear)
+    nodes: list[dict] = [
+        {"name": "hips", "children": [1]},
+        {"name": "spine", "translation": [0.3, 1, 0.2], "rotation": [0.1, 0, 0, np.sqrt(0.99)], "children": [2]},
+        {"name": "head", "translation": [0.1, 0.5, 0.2], "rotation": [0, 0, HALF, HALF]},
+    ]
+    turns = [[0, 0, 0, 1], [0, HALF, 0, HALF]]
+    if how == "above":
+        nodes.append({"name": "top", "children": [0]})
+    top = nodes[-1 if how == "above" else 0]
+    if how == "scale":
+        linear = np.diag(np.diag(linear))
+        top["scale"] = np.diag(linear).tolist()
+    else:
+        matrix = np.eye(4)
+        matrix[:3, :3] = linear
+        top["matrix"] = matrix.T.ravel().tolist()
+    path = write(tmp_path / "m.glb", nodes, [[0, 1, 2]], {(1, "rotation"): turns})
+    take = read_gltf_take(path)
+    places = take.motion.joint_positions_world()
+    for t, turn in enumerate(turns):
+        spine = linear @ [0.3, 1, 0.2]
+        head = spine + linear @ Rotation.from_quat(turn).apply([0.1, 0.5, 0.2])
+        np.testing.assert_allclose(places[t, 1:], np.array([spine, head]) @ WORLD_FROM_GLTF.T, atol=1e-7)
+    name = "node 3 (top)" if how == "above" else "node 0 (hips)"
+    assert f"{name} stretches or mirrors what is below it" in take.notices[0]
+    # A mirrored turn is a turn by the same angle.
+    if abs(abs(np.linalg.det(linear)) - 1) < 1e-9:
+        quats = take.motion.quat_wxyz[:, 1]
+        first, second = Rotation.from_quat(np.roll(quats, -1, axis=-1))
+        assert (first.inv() * second).magnitude() == pytest.approx(np.pi / 2, abs=1e-6)
 
 
 def test_a_scale_that_changes_moves_what_is_below(tmp_path):

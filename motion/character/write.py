@@ -1,0 +1,68 @@
+"""Writing a character's file again with one more clip."""
+
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.errors import FormatError
+from muybridge.geometry.numerics.rotations import matrix_from_quat
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.character.character import Character
+from muybridge.motion.character.gltf_character import rest_linear
+from muybridge.motion.formats.gltf.append import node_tracks, write_gltf_clip
+from muybridge.motion.formats.gltf.rig import Rig
+from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+
+
+def write_character_clip(character: Character, motion: Motion, path: Path, name: str) -> tuple[str, ...]:
+    """Write a character's file again with one more clip, and nothing else changed.
+
+    Args:
+        character: as read.
+        motion: its joints and their parents are the character's; any of them may slide. At least one frame.
+        path: the file to write, of the format of the character's; not the character's own.
+        name: of the clip, which no other clip of the file has.
+
+    Returns:
+        What else had to change, or could not be kept, one sentence each.
+
+    Raises:
+        FormatError: the motion is of another skeleton, is empty or holds numbers that are not finite, the name is
+            taken, or the format cannot hold the clip.
+        OutputError: the file cannot be written.
+    """
+    path = Path(path)
+    _check(character, motion, path, name)
+    rig = character.source
+    if isinstance(rig, Rig):
+        turns, places = motion.skeleton.forward(
+            motion.root_positions_world, matrix_from_quat(motion.quat_wxyz), motion.translations
+        )
+        in_scene = BVH_FROM_WORLD @ turns @ BVH_FROM_WORLD.T
+        tracks = node_tracks(rig, rest_linear(rig), in_scene, places @ BVH_FROM_WORLD.T)
+        return write_gltf_clip(rig, tracks, motion.fps, path, name)
+    raise FormatError(f"{path}: {path.suffix} cannot hold one more clip; valid are .glb, .gltf and .vrm")
+
+
+def _check(character: Character, motion: Motion, path: Path, name: str) -> None:
+    own, given = character.skeleton, motion.skeleton
+    if path.suffix.lower() != character.path.suffix.lower():
+        raise FormatError(f"{path}: a clip for {character.path.name} is written to a {character.path.suffix.lower()}")
+    if path.resolve() == character.path.resolve() or path.exists() and path.samefile(character.path):
+        raise FormatError(f"{path}: is the character's own file, which stays as it is", remedy="other_name")
+    if given.names != own.names or given.parents != own.parents:
+        other = next((n for n in given.names if n not in own.names), given.names[0])
+        raise FormatError(f"{path}: the motion is of another skeleton ({len(given)} joints, such as {other!r}) than "
+                          f"{character.path.name} ({len(own)} joints, such as {own.names[0]!r})")  # fmt: skip
+    if not len(motion):
+        raise FormatError(f"{path}: the motion has no frames; a clip needs at least one")
+    if not name or name in character.clips:
+        taken = f"{character.path.name} has a clip {name!r} already" if name else "a clip needs a name"
+        raise FormatError(f"{path}: {taken}", remedy="other_name")
+    bad = ~np.isfinite(motion.quat_wxyz).all(axis=-1)
+    bad[:, 0] |= ~np.isfinite(motion.root_positions_world).all(axis=-1)
+    if motion.translations is not None:
+        bad[:, list(given.sliding)] |= ~np.isfinite(motion.translations).all(axis=-1)
+    if bad.any():
+        t, j = np.argwhere(bad)[0]
+        raise FormatError(f"{path}: the motion of {given.names[j]!r} is not finite in frame {t + 1}")

@@ -1,0 +1,169 @@
+"""Where heels and balls of the feet are, of a skeleton in motion or of labelled points."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.skeleton.aliases import map_body
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.profiles import roles_of
+from muybridge.geometry.skeleton.skeleton import Skeleton
+
+FEET = ("left", "right")
+PARTS = ("heel", "ball")
+USUAL_LEG_M = 0.85  # hip to ankle of an adult, whom all lengths of the options fit
+_HEEL_BEHIND = 0.2  # of the way from the ankle to the ball, over the ground, that the heel is behind the ankle
+_STILL = 1e-3  # of a toe's quaternions, between frames
+_FOOT_OF_LEG = 0.15  # ankle to ball of a foot without a ball, as a share of the leg
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg of a skeleton.
+
+    Attributes:
+        thigh, shin, foot: joints at hip, knee and ankle.
+        toe: joint at the ball; -1 where there is none.
+        heel: (3,) metres from the ankle to the heel, in the foot's axes.
+        ball: (3,) metres from the ankle to the ball.
+    """
+
+    thigh: int
+    shin: int
+    foot: int
+    toe: int
+    heel: FloatArray
+    ball: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FootPoints:
+    """Heels and balls over time.
+
+    Attributes:
+        places: (T, 2, 2, 3) metres of the left and the right foot's heel and ball; NaN where unknown.
+        sigma: (T, 2, 2) metres, standard deviation a coordinate; NaN where unknown.
+        fps: frames per second.
+        size: of the body against an adult's.
+    """
+
+    places: FloatArray
+    sigma: FloatArray
+    fps: float
+    size: float
+
+
+def find_legs(
+    skeleton: Skeleton, roles: Mapping[str, int] | None = None, quat_wxyz: FloatArray | None = None
+) -> tuple[Leg, Leg]:
+    """The left and the right leg.
+
+    The heel is put as low as the ball at rest, behind the ankle; a foot without a joint at the ball gets one from the
+    end of its bone, else of usual length. Toes that never bend make the foot one piece, which rolls over their tips:
+    these then are its ball.
+
+    Args:
+        skeleton: rest pose with the soles level, facing -Y.
+        roles: role -> joint; None goes by names.
+        quat_wxyz: (T, J, 4) of a motion, which shows whether toes bend; without one, the limits do.
+
+    Raises:
+        ValueError: a thigh, shin or foot is not known, or is not below the other.
+    """
+    roles = roles_of(skeleton.names) if roles is None else roles
+    legs = []
+    for side in FEET:
+        chain = [roles.get(f"{side}_{part}", -1) for part in ("thigh", "shin", "foot")]
+        for part, joint in zip(("thigh", "shin", "foot"), chain, strict=True):
+            if joint < 0:
+                raise ValueError(f"no joint is known to be {side}_{part}; the joints are {', '.join(skeleton.names)}")
+        if not all(skeleton.is_ancestor[a, b] and a != b for a, b in zip(chain[:-1], chain[1:], strict=True)):
+            names = ", ".join(skeleton.names[j] for j in chain)
+            raise ValueError(f"the joints of the {side} leg ({names}) do not hang on one another")
+        toe = roles.get(f"{side}_toe", -1)
+        ball = _ball(skeleton, chain, toe)
+        heel = -_HEEL_BEHIND * ball * [1, 1, 0] + ball * [0, 0, 1]
+        tip = np.asarray(skeleton.tips[toe]) if toe >= 0 else np.full(3, np.nan)
+        if np.isfinite(tip).all() and not _bends(skeleton, toe, quat_wxyz):
+            ball = ball + tip
+        legs.append(Leg(*chain, toe, heel, ball))
+    return legs[0], legs[1]
+
+
+def _bends(skeleton: Skeleton, toe: int, quat_wxyz: FloatArray | None) -> bool:
+    """Whether a toe bends at its joint."""
+    if quat_wxyz is None or len(quat_wxyz) < 2:
+        return bool((skeleton.lower[toe] < skeleton.upper[toe]).any())
+    return bool(np.abs(quat_wxyz[:, toe] - quat_wxyz[0, toe]).max() > _STILL)
+
+
+def _ball(skeleton: Skeleton, chain: list[int], toe: int) -> FloatArray:
+    """(3,) metres from the ankle to the ball at rest."""
+    foot = chain[-1]
+    if toe >= 0 and skeleton.is_ancestor[foot, toe]:
+        return np.asarray(skeleton.rest_positions[toe] - skeleton.rest_positions[foot])
+    tip = np.asarray(skeleton.tips[foot], dtype=np.float64)
+    if np.isfinite(tip).all() and np.linalg.norm(tip[:2]) > 0:
+        return tip
+    size = _FOOT_OF_LEG * _length(skeleton, chain)
+    return np.array([0.0, -size, -0.5 * size])
+
+
+def _length(skeleton: Skeleton, chain: list[int]) -> float:
+    places = skeleton.rest_positions[chain]
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+def leg_length(skeleton: Skeleton, legs: tuple[Leg, Leg]) -> float:
+    """Metres from hip to ankle along thigh and shin, the mean of both legs."""
+    return float(np.mean([_length(skeleton, [leg.thigh, leg.shin, leg.foot]) for leg in legs]))
+
+
+def feet_of_motion(motion: Motion, roles: Mapping[str, int] | None = None) -> FootPoints:
+    """Heels and balls of a skeleton; ValueError as `find_legs`."""
+    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz)
+    world = motion.forward()
+    places = np.stack([points_of_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg) for leg in legs], 1)
+    size = leg_length(motion.skeleton, legs) / USUAL_LEG_M
+    return FootPoints(places, np.full(places.shape[:-1], np.nan), motion.fps, size)
+
+
+def points_of_foot(ankle: FloatArray, turns: FloatArray, leg: Leg) -> FloatArray:
+    """(T, 2, 3) metres of heel and ball, of an ankle (T, 3) and a foot's orientation (T, 3, 3)."""
+    return np.stack([ankle + turns @ leg.heel, ankle + turns @ leg.ball], 1)
+
+
+def feet_of_points(points: Points3D) -> FootPoints:
+    """Heels and balls of labelled points: landmarks of heels and toes, or markers on them.
+
+    Raises:
+        ValueError: a heel or the toes of a foot are not among them.
+    """
+    at, names = map_body(points.landmarks.names), points.landmarks.names
+    places = np.full((len(points.points_world), 2, 2, 3), np.nan)
+    variance = np.full(places.shape[:-1], np.nan)
+    for k, side in enumerate(FEET):
+        toes = [at[n] for n in (f"{side}_big_toe", f"{side}_small_toe") if n in at]
+        if f"{side}_heel" not in at or not toes:
+            raise ValueError(f"no point is known to be the {side} {'toe' if f'{side}_heel' in at else 'heel'}; "
+                             f"the points are {', '.join(names)}")  # fmt: skip
+        for p, columns in enumerate(([at[f"{side}_heel"]], toes)):
+            places[:, k, p] = points.points_world[:, columns].mean(1)
+            spread = np.trace(points.covariance_world[:, columns], axis1=-2, axis2=-1) / 3
+            variance[:, k, p] = spread.mean(1) / len(columns)
+    return FootPoints(places, np.sqrt(variance), points.fps, _size(points, at))
+
+
+def _size(points: Points3D, at: Mapping[str, int]) -> float:
+    """The body's size by its legs; 1 where hips or knees are not known."""
+    lengths = []
+    for side in FEET:
+        chain = [at.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
+        if min(chain) >= 0:
+            places = points.points_world[:, chain]
+            lengths.append(np.nanmedian(np.linalg.norm(np.diff(places, axis=1), axis=-1).sum(1)))
+    found = float(np.nanmean(lengths)) / USUAL_LEG_M if lengths and np.isfinite(lengths).any() else 1.0
+    return found if found > 0 else 1.0

@@ -1,0 +1,147 @@
+"""Where one foot shall be: fixed while it stands, rolled over heel and ball, blended in between."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from muybridge.arrays import BoolArray, FloatArray
+from muybridge.geometry.numerics.rotations import exp_so3, log_so3
+from muybridge.motion.contacts.blending import blend, smooth_bound
+from muybridge.motion.contacts.feet import Leg
+from muybridge.motion.contacts.floor import Floor
+from muybridge.motion.contacts.footskate import contact_spans
+
+HEEL, BALL = 0, 1
+_LIFT_S = 0.05  # over which a foot is lifted out of the floor
+
+
+@dataclass(frozen=True, eq=False)
+class FootPlan:
+    """A foot over time.
+
+    Attributes:
+        ankle: (T, 3) metres.
+        turns: (T, 3, 3) world from foot.
+        moved: (T, 3) metres, by which the ankle was moved.
+    """
+
+    ankle: FloatArray
+    turns: FloatArray
+    moved: FloatArray
+
+
+def plan_foot(
+    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
+    fps: float, seconds: float,
+) -> FootPlan:  # fmt: skip
+    """Where a foot shall be.
+
+    A flat foot keeps one orientation and one place; a foot on its ball turns about the ball, on its heel about the
+    heel. What that takes is blended into the frames beside it.
+
+    Args:
+        ankle: (T, 3) metres, as it is.
+        turns: (T, 3, 3) world from foot, as they are.
+        leg: heel and ball from the ankle.
+        contact: (T, 2) whether heel and ball stand.
+        floor: what they stand on.
+        clearance: (2,) metres of heel and ball over it.
+        fps: frames per second.
+        seconds: over which corrections fade.
+    """
+    flat = contact.all(1)
+    wanted = _flat_orientations(turns, flat, leg, floor, clearance)
+    change = blend(log_so3(wanted @ np.swapaxes(turns, -1, -2)), flat.astype(np.float64), fps, seconds)
+    turned = exp_so3(change) @ turns
+    for point, pivot in ((HEEL, BALL), (BALL, HEEL)):
+        only = contact[:, pivot] & ~contact[:, point]
+        turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
+    target = _targets(ankle, turned, leg, contact, floor, clearance)
+    standing = contact.any(1)
+    moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
+    moved = np.where(standing[:, None], target - ankle, moved)
+    place = ankle + moved
+    deep = np.max([clearance[p] - floor.heights(place + turned @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
+    lift = smooth_bound(np.where(standing, 0.0, np.maximum(deep, 0.0)), _LIFT_S * fps)
+    moved = moved + np.where(standing, 0.0, lift)[:, None] * np.array(floor.normal)
+    return FootPlan(ankle + moved, turned, moved)
+
+
+def _offset(leg: Leg, point: int) -> FloatArray:
+    return leg.heel if point == HEEL else leg.ball
+
+
+def _flat_orientations(
+    turns: FloatArray, flat: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray
+) -> FloatArray:
+    """(T, 3, 3) one orientation for each span of a flat foot, heel and ball at their heights; as it is elsewhere."""
+    out, line = turns.copy(), leg.ball - leg.heel
+    normal = np.array(floor.normal)
+    for a, b in contact_spans(flat):
+        u, _, vt = np.linalg.svd(turns[a:b].sum(0))
+        mean = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+        now = mean @ line
+        level = now - normal * (now @ normal)
+        rise = float(np.clip((clearance[BALL] - clearance[HEEL]) / np.linalg.norm(line), -0.5, 0.5))
+        axis = np.cross(level, normal)
+        axis = axis / (np.linalg.norm(axis) + 1e-12)
+        pitch = np.arcsin(rise) - np.arctan2(now @ normal, np.linalg.norm(level))
+        out[a:b] = exp_so3(axis * pitch) @ mean
+    return out
+
+
+def _lifted_about(
+    turns: FloatArray, only: BoolArray, leg: Leg, point: int, floor: Floor, clearance: FloatArray, fps: float
+) -> FloatArray:
+    """The orientations, turned about the pivot where the other point would be in the floor."""
+    away = _offset(leg, point) - _offset(leg, BALL if point == HEEL else HEEL)
+    size, normal = float(np.linalg.norm(away)), np.array(floor.normal)
+    now = turns @ away
+    rise = now @ normal
+    least = clearance[point] - clearance[BALL if point == HEEL else HEEL]
+    deep = np.where(only, np.maximum(least - rise, 0.0), 0.0)
+    if not deep.any():
+        return turns
+    lift = np.where(only, smooth_bound(deep, _LIFT_S * fps), 0.0)
+    level = now - rise[:, None] * normal
+    axis = np.cross(level, normal)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True) + 1e-12
+    angle = np.arcsin(np.clip((rise + lift) / size, -1, 1)) - np.arcsin(np.clip(rise / size, -1, 1))
+    return np.asarray(exp_so3(axis * angle[:, None]) @ turns)
+
+
+def _targets(
+    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray
+) -> FloatArray:
+    """(T, 3) metres: ankles of a foot that stands with its points where each contact has them; as they are elsewhere.
+
+    A contact of the ball has the mean of its places; one of the heel follows from a ball that stands at the same time,
+    and has its own mean where none does.
+    """
+    out = ankle.copy()
+    heel, ball = (ankle + turns @ _offset(leg, p) for p in (HEEL, BALL))
+    lever = turns @ (leg.ball - leg.heel)
+    flat = contact.all(1)
+    for start, stop in contact_spans(contact.any(1)):
+        fixed: list[tuple[int, int, FloatArray]] = []  # contacts of the heel whose place is known
+        for a, b in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, BALL])):
+            place = floor.onto(ball[a:b].mean(0), clearance[BALL])
+            for c, d, at in fixed:
+                both = np.nonzero(flat[max(a, c) : min(b, d)])[0]
+                if len(both):
+                    place = at + lever[max(a, c) + both[0]]
+                    break
+            out[a:b] = place - turns[a:b] @ leg.ball
+            for c, d in contact_spans(contact[:, HEEL]):
+                both = np.nonzero(flat[max(a, c) : min(b, d)])[0] if max(a, c) < min(b, d) else np.zeros(0, int)
+                if not len(both) or any(c == e for e, _, _ in fixed):
+                    continue
+                at = place - lever[max(a, c) + both[0]]
+                fixed.append((c, d, at))
+                alone = np.arange(c, d)[~contact[c:d, BALL]]
+                out[alone] = at - turns[alone] @ leg.heel
+        for c, d in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, HEEL])):
+            if not flat[c:d].any():
+                place = floor.onto(heel[c:d].mean(0), clearance[HEEL])
+                out[c:d] = place - turns[c:d] @ leg.heel
+    return out

@@ -1,0 +1,186 @@
+"""Feet that stand still: footskate removed from a motion.
+
+After L. Kovar, J. Schreiner, M. Gleicher, "Footskate cleanup for motion capture editing", 2002: a place for each
+contact, ankles from the places, a root from which they can be reached, the legs by inverse kinematics of two bones, and
+blending into the frames beside. Other than there, heel and ball roll: see `foot_plan`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.ik.two_bone import move_two_bone
+from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.contacts.blending import smooth_bound
+from muybridge.motion.contacts.feet import Leg, feet_of_motion, find_legs
+from muybridge.motion.contacts.find import Contacts, find_contacts, with_floor
+from muybridge.motion.contacts.foot_plan import FootPlan, plan_foot
+
+_ROUNDS = 6  # of moving the root to where both feet can be reached
+_STRAIGHT = 0.02  # bounds how much more a straight leg counts than a bent one
+_STAY = 0.3  # how much it counts that the root stays, against that a leg stays bent as it is
+_AHEAD = np.array([0.0, -1.0, 0.0])  # knees point there at rest
+
+
+@dataclass(frozen=True)
+class PlantOptions:
+    """How feet are planted.
+
+    Attributes:
+        blend: seconds over which corrections fade beside a contact.
+        straight: share of its length up to which a leg may be straightened, unless it is straighter already.
+        root: seconds over which the root moves to where feet can be reached.
+    """
+
+    blend: float = 0.15
+    straight: float = 0.99
+    root: float = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Planted:
+    """A motion with planted feet.
+
+    Attributes:
+        motion: of the same skeleton.
+        contacts: what was planted.
+        moved_root_m: metres, the farthest that the root was moved.
+        moved_feet_m: metres, the farthest that an ankle was moved.
+        unreached_m: metres, the farthest that an ankle is from where it should be.
+    """
+
+    motion: Motion
+    contacts: Contacts
+    moved_root_m: float
+    moved_feet_m: float
+    unreached_m: float
+
+
+def plant_feet(
+    motion: Motion,
+    contacts: Contacts | None = None,
+    options: PlantOptions | None = None,
+    *,
+    roles: Mapping[str, int] | None = None,
+    legs: tuple[Leg, Leg] | None = None,
+) -> Planted:
+    """The motion with heels and balls of the feet still while they stand, and never through the floor.
+
+    Args:
+        motion: Z up, of any skeleton with known thighs, shins and feet.
+        contacts: None finds them.
+        options: how they are planted.
+        roles: role -> joint; None goes by names.
+        legs: with heels and balls that are known better than from the skeleton; None finds them.
+
+    Raises:
+        ValueError: legs are not known, or the contacts are of another number of frames.
+    """
+    options = options or PlantOptions()
+    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz) if legs is None else legs
+    contacts = find_contacts(motion, roles=roles) if contacts is None else contacts
+    if len(contacts) != len(motion):
+        raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
+    if not len(motion):
+        return Planted(motion, contacts, 0.0, 0.0, 0.0)
+    contacts = with_floor(contacts, feet_of_motion(motion, roles))
+    world = motion.forward()
+    plans = [
+        plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
+                  contacts.clearance[k], motion.fps, options.blend)
+        for k, leg in enumerate(legs)
+    ]  # fmt: skip
+    shift = _root_shift(world, legs, plans, motion.fps, options)
+    turns = matrix_from_quat(motion.quat_wxyz)
+    short = np.zeros((len(motion), 2))
+    for k, (leg, plan) in enumerate(zip(legs, plans, strict=True)):
+        short[:, k] = _bend_leg(motion, world, turns, leg, plan, shift)
+    out = _moved(motion, turns, shift, legs)
+    return Planted(
+        out, contacts, float(np.linalg.norm(shift, axis=1).max()),
+        float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
+    )  # fmt: skip
+
+
+def _root_shift(
+    world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], fps: float, options: PlantOptions
+) -> FloatArray:
+    """(T, 3) metres by which the root moves, smoothly, so that both legs reach their feet."""
+    shift = _following(world, legs, plans, fps * options.root)
+    hips, most = [], []
+    for leg in legs:
+        hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
+        whole = np.linalg.norm(knee - hip, axis=1) + np.linalg.norm(ankle - knee, axis=1)
+        hips.append(hip)
+        most.append(np.clip(np.linalg.norm(ankle - hip, axis=1), options.straight * whole, 0.9995 * whole))
+    for _ in range(_ROUNDS):
+        step, needed = np.zeros_like(shift), np.zeros(len(world), np.bool_)
+        for _ in range(8):  # onto what both legs reach, each frame alone
+            for hip, plan, limit in zip(hips, plans, most, strict=True):
+                away = hip + shift + step - plan.ankle
+                far = np.linalg.norm(away, axis=1)
+                over = np.maximum(far - limit, 0.0)
+                needed |= over > 1e-4
+                step -= away / far[:, None] * over[:, None]
+        if not needed.any():
+            break
+        width = options.root * fps
+        ahead = gaussian_filter1d(step, max(width / 3, 0.5), axis=0, mode="nearest")
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True) + 1e-9
+        shift = shift + ahead * smooth_bound(np.linalg.norm(step, axis=1), width)[:, None]
+    return shift
+
+
+def _following(world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], frames: float) -> FloatArray:
+    """(T, 3) metres by which the root follows the feet, so that legs are bent as they were: a straight leg's knee moves
+    by several times what its length changes by, so it counts the more."""
+    matrix, side = np.tile(np.eye(3), (len(world), 1, 1)), np.zeros((len(world), 3, 1))
+    for leg, plan in zip(legs, plans, strict=True):
+        hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
+        whole = np.linalg.norm(knee - hip, axis=1) + np.linalg.norm(ankle - knee, axis=1)
+        away = ankle - hip
+        far = np.linalg.norm(away, axis=1)
+        along = (away / far[:, None])[..., None]
+        share = np.clip(far / whole, 0.0, 1.0) ** 2
+        weight = (share / (1.0 - share + _STRAIGHT))[:, None, None]
+        matrix += weight * (along @ np.swapaxes(along, -1, -2) + _STAY * np.eye(3))
+        side += weight * along * (np.swapaxes(along, -1, -2) @ plan.moved[..., None])
+    shift = np.linalg.solve(matrix, side)[..., 0]
+    return gaussian_filter1d(shift, max(frames / 3, 1e-3), axis=0, mode="nearest")
+
+
+def _bend_leg(
+    motion: Motion, world: FloatArray, turns: FloatArray, leg: Leg, plan: FootPlan, shift: FloatArray
+) -> FloatArray:
+    """Turn a leg's joints, in `turns` (T, J, 3, 3), so that its foot is where it is planned; (T,) metres that lack."""
+    parents = motion.skeleton.parents
+    hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
+    ahead = world[:, leg.thigh, :3, :3] @ _AHEAD
+    upper, lower, short = move_two_bone((hip, knee, ankle), hip + shift, plan.ankle, ahead)
+    above = world[:, parents[leg.thigh], :3, :3] if parents[leg.thigh] >= 0 else np.eye(3)
+    turns[:, leg.thigh] = np.swapaxes(above, -1, -2) @ upper @ world[:, leg.thigh, :3, :3]
+    above = upper @ world[:, parents[leg.shin], :3, :3]
+    turns[:, leg.shin] = np.swapaxes(above, -1, -2) @ lower @ world[:, leg.shin, :3, :3]
+    above = lower @ world[:, parents[leg.foot], :3, :3]
+    turns[:, leg.foot] = np.swapaxes(above, -1, -2) @ plan.turns
+    return short
+
+
+def _moved(motion: Motion, turns: FloatArray, shift: FloatArray, legs: tuple[Leg, Leg]) -> Motion:
+    """The motion with these rotations, and its root moved: the root that the legs hang on."""
+    skeleton = motion.skeleton
+    quat = continuous_quat(quat_from_matrix(turns))
+    same = np.abs((quat * motion.quat_wxyz).sum(-1)) > 1 - 1e-15
+    quat = np.where(same[..., None], motion.quat_wxyz, quat)
+    top = legs[0].thigh
+    while skeleton.parents[top] >= 0:
+        top = skeleton.parents[top]
+    if top == 0 or motion.translations is None:
+        return replace(motion, root_positions_world=motion.root_positions_world + shift, quat_wxyz=continuous_quat(quat))
+    translations = motion.translations.copy()
+    translations[:, skeleton.sliding.index(top)] += shift
+    return replace(motion, translations=translations, quat_wxyz=continuous_quat(quat))
