@@ -4,10 +4,29 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from muybridge.arrays import BoolArray
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.points.c3d import C3DTake
+
+
+@dataclass(frozen=True, eq=False)
+class Keys:
+    """Frames of a motion between which it moves evenly, for formats that hold keys.
+
+    Attributes:
+        rotations: (T, J) which frames are keys of each joint's rotation.
+        positions: (T, 1 + S) likewise of the first root's position, and of the translations of sliding joints.
+    """
+
+    rotations: BoolArray
+    positions: BoolArray
+
+    @property
+    def count(self) -> int:
+        """All keys."""
+        return int(self.rotations.sum() + self.positions.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +39,7 @@ class Take:
         c3d: the contents of a C3D besides points.
         start: seconds of the recording at which the first frame is, where the file states it.
         notices: assumptions made in reading, one sentence each.
+        keys: which frames of the motion are keys; None: all.
     """
 
     points: Points3D | None = None
@@ -27,6 +47,7 @@ class Take:
     c3d: C3DTake | None = None
     start: float = 0.0
     notices: tuple[str, ...] = field(default_factory=tuple)
+    keys: Keys | None = None
 
     @property
     def fps(self) -> float:

@@ -5,7 +5,6 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import exp_so3
 
-
 _STRAIGHT = 0.01  # of the upper bone's length: a middle joint that is nearer to the line hardly shows where it bends
 
 

@@ -35,6 +35,9 @@ from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, Stages
+from muybridge.motion.contacts.events import contact_events, contact_facts
+from muybridge.motion.contacts.find import find_contacts
+from muybridge.motion.formats.points.c3d import C3DTake
 from muybridge.motion.formats.points.marker_protocol import find_marker_set
 from muybridge.motion.formats.registry import ReadOptions, read_file
 
@@ -175,7 +178,9 @@ def solve_points(
     body = unpack_body(fitted.arrays, fitted.facts)
     run.stages |= stage.done
     run.write_motion([MOTION_BVH, MOTION_GLB, MOTION_MOT], body.motion)
-    run.write_points({LANDMARKS_TRC: body.landmarks, LANDMARKS_C3D: body.landmarks})
+    contacts = find_contacts(body.motion, plates=take.c3d)
+    events = C3DTake(body.landmarks, events=contact_events(contacts))
+    run.write_points({LANDMARKS_TRC: body.landmarks, LANDMARKS_C3D: events})
     shown = _chosen_points(take.positions, recognised) if by_markers else recognised.points
     data = _report_data(path, shown, body, run, options, notices)
     run.write(REPORT, partial(write_report, data=data))
@@ -183,6 +188,7 @@ def solve_points(
         frames=len(body.motion), fps=body.motion.fps, notices=notices, problems=problems(data), options=asdict(options),
         quality={"coverage": float(np.isfinite(body.residual_m).mean())},
         file=_file_facts(path, recognised, stature), body=body_facts(body) | {"joint_centres": list(options.centres)},
+        contacts=contact_facts(contacts),
     )  # fmt: skip
     return PointsResult(run.output.path, body, recognised, seconds)
 

@@ -46,6 +46,8 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
+from muybridge.motion.contacts.events import contact_facts
+from muybridge.motion.contacts.find import find_contacts
 
 _log = logging.getLogger(__name__)
 
@@ -166,6 +168,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         others=[{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
         calibration=calibration_facts(followed.calibration), person=solution.person, notices=session.notices,
         problems=problems, options=asdict(options), models=models.metadata,
+        contacts=None if solution.motion is None else contact_facts(find_contacts(solution.motion)),
     )  # fmt: skip
     if solution.motion is None:
         raise SessionError(

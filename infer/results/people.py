@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from muybridge.arrays import FloatArray
+from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
@@ -15,6 +16,9 @@ from muybridge.infer.report.data import PersonPage, ReportData
 from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
+from muybridge.motion.contacts.events import contact_events
+from muybridge.motion.contacts.find import find_contacts
+from muybridge.motion.formats.points.c3d import C3DTake
 
 POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
 MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
@@ -38,7 +42,11 @@ def written_people(solution: Solution) -> tuple[Solution, ...]:
 def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> None:
     """Write everyone's points, motion and markers of a set."""
     for number, person in enumerate(written_people(solution), start=1):
-        points = {POINTS_TRC: person.points, POINTS_C3D: person.points}
+        events = () if person.motion is None else contact_events(find_contacts(person.motion))
+        points: dict[str, Points3D | C3DTake] = {
+            POINTS_TRC: person.points,
+            POINTS_C3D: C3DTake(person.points, events=events),
+        }
         if person.markers is not None:
             points[MARKERS_C3D] = marker_set(person.markers, markers)
         run.write_points({of_person(name, number): each for name, each in points.items()})

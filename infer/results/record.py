@@ -44,6 +44,7 @@ class RunRecord:
         calibration: diagnosis of the calibration; None where it was not judged.
         markers: figures of labelled markers, where there are any.
         body: figures of a body fitted to markers or landmarks of a file; None otherwise.
+        contacts: when the first person's heels and balls of the feet stand; None where there is no motion.
     """
 
     kind: Kind
@@ -65,6 +66,7 @@ class RunRecord:
     calibration: Mapping[str, Any] | None = None
     markers: Mapping[str, Any] | None = None
     body: Mapping[str, Any] | None = None
+    contacts: Mapping[str, Any] | None = None
 
 
 def write_record(output: OutputFolder, record: RunRecord) -> None:
@@ -88,6 +90,7 @@ def write_record(output: OutputFolder, record: RunRecord) -> None:
         "calibration": record.calibration,
         "markers": record.markers,
         "body": record.body,
+        "contacts": record.contacts,
         "person": record.person,
         "people": 1 + len(record.others),
         "others": record.others,

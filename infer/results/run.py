@@ -15,7 +15,7 @@ from muybridge.infer.results.record import RUN, Kind, RunRecord, write_record
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.motion.formats.gltf.write import write_glb
-from muybridge.motion.formats.points.c3d import write_c3d
+from muybridge.motion.formats.points.c3d import C3DTake, write_c3d
 from muybridge.motion.formats.points.trc import write_trc
 from muybridge.motion.formats.skeletal.bvh import write_bvh
 from muybridge.motion.formats.skeletal.mot import write_mot
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 DEFAULT_OUT = "muybridge"
 # Results of earlier versions, which `run.json` has replaced.
 _FORMER = ("solve.json", "markers.json")
-_POINTS: Mapping[str, Callable[[Path, Points3D], object]] = {".trc": write_trc, ".c3d": write_c3d}
+_POINTS: Mapping[str, Callable[[Path, Any], object]] = {".trc": write_trc, ".c3d": write_c3d}
 _MOTIONS: Mapping[str, Callable[[Path, Motion], object]] = {".bvh": write_bvh, ".glb": write_glb, ".mot": write_mot}
 
 
@@ -75,8 +75,8 @@ class Run:
         self.output.write(name, write)
         self.written.append(name)
 
-    def write_points(self, files: Mapping[str, Points3D]) -> None:
-        """Write points under names whose suffix says the format: .trc or .c3d."""
+    def write_points(self, files: Mapping[str, Points3D | C3DTake]) -> None:
+        """Write points under names whose suffix says the format: .trc or .c3d; the latter may have events."""
         for name, points in files.items():
             self.write(name, partial(_write_points, points=points))
 
@@ -110,7 +110,7 @@ class Run:
         return seconds
 
 
-def _write_points(path: Path, points: Points3D) -> None:
+def _write_points(path: Path, points: Points3D | C3DTake) -> None:
     _POINTS[path.suffix](path, points)
 
 

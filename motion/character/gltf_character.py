@@ -23,7 +23,8 @@ def read_gltf_character(path: Path, clip: Clip) -> Character:
     order, parents = rig.choice.order, rig.parents
     frames, fps, chosen = read_clip(rig, clip)
     rest = rest_turns(rig)
-    places = _rest_places(rig, rest) @ BVH_FROM_WORLD
+    in_scene = _rest_places(rig, rest)
+    places = in_scene @ BVH_FROM_WORLD
     tips = np.full((len(order), 3), np.nan)
     for i, n in enumerate(order):
         tip = rig.nodes[n].tip
@@ -38,7 +39,7 @@ def read_gltf_character(path: Path, clip: Clip) -> Character:
         np.stack([np.broadcast_to(frames[n].place, (count, 3)) for n in order], axis=1) @ BVH_FROM_WORLD, fps,
         BVH_FROM_WORLD.T,
     )  # fmt: skip
-    meshes, left_out = read_meshes(rig, rest_linear(rig))
+    meshes, left_out = read_meshes(rig, rest_linear(rig), in_scene)
     number = {n: i for i, n in enumerate(order)}
     bones = humanoid_bones(document.json.get("extensions") or {})
     return Character(

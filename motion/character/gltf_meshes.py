@@ -5,6 +5,7 @@ Source: Khronos Group, glTF 2.0 Specification, sections 3.7 (geometry), 3.7.3 (s
 
 import base64
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -20,12 +21,13 @@ WORLD_FROM_GLTF = np.eye(4)
 WORLD_FROM_GLTF[:3, :3] = BVH_FROM_WORLD.T
 
 
-def read_meshes(rig: Rig, linear: FloatArray) -> tuple[list[Mesh], list[str]]:
+def read_meshes(rig: Rig, linear: FloatArray, places: FloatArray) -> tuple[list[Mesh], list[str]]:
     """The meshes that follow the rig's joints, and notices of those that do not or cannot be read.
 
     Args:
         rig: of the file.
         linear: (J, 3, 3) scene from joint at rest, with the scales of the nodes.
+        places: (J, 3) the joints in the scene at rest.
     """
     document, order = rig.document, rig.choice.order
     place = {n: i for i, n in enumerate(order)}
@@ -40,7 +42,7 @@ def read_meshes(rig: Rig, linear: FloatArray) -> tuple[list[Mesh], list[str]]:
             still.append(rig.nodes[n].name)
             continue
         scene_from_mesh, bind, palette = (
-            _skinned(rig, skin, linear) if skin is not None else _hung(rig, n, holder, linear)
+            _skinned(rig, skin, linear) if skin is not None else _hung(rig, n, holder, linear, places)
         )
         mesh = document.json["meshes"][raw["mesh"]]
         weights = raw.get("weights", mesh.get("weights", []))
@@ -72,7 +74,9 @@ def _skinned(rig: Rig, skin: dict[str, Any], linear: FloatArray) -> tuple[FloatA
     return world_from_mesh, bind, np.array([order.index(n) for n in skin["joints"]], np.int64)
 
 
-def _hung(rig: Rig, n: int, holder: int | None, linear: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+def _hung(
+    rig: Rig, n: int, holder: int | None, linear: FloatArray, places: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """The same of a mesh without skin, on the joint above it."""
     assert holder is not None
     order = rig.choice.order
@@ -83,7 +87,9 @@ def _hung(rig: Rig, n: int, holder: int | None, linear: FloatArray) -> tuple[Flo
         step[:3, :3], step[:3, 3] = rig.nodes[m].linear, rig.nodes[m].translation
         joint_from_mesh = joint_from_mesh @ step
     at = order.index(holder)
-    world_from_mesh = WORLD_FROM_GLTF @ rig.still[holder].matrix[0] @ joint_from_mesh
+    at_rest = np.eye(4)
+    at_rest[:3, :3], at_rest[:3, 3] = linear[at], places[at]
+    world_from_mesh = WORLD_FROM_GLTF @ at_rest @ joint_from_mesh
     bind = np.tile(np.eye(4), (len(order), 1, 1))
     bind[at] = _turned(linear[at]) @ joint_from_mesh @ np.linalg.inv(world_from_mesh)
     return world_from_mesh, bind, np.array([at], np.int64)
@@ -175,6 +181,6 @@ def _image(document: Document, raw: dict[str, Any]) -> tuple[bytes | None, str]:
     if uri.startswith("data:"):
         head, _, text = uri.partition(",")
         return base64.b64decode(text), head[5:].partition(";")[0]
-    beside = document.path.parent / uri
+    beside = document.path.parent / unquote(uri)
     kind = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}.get(beside.suffix.lower(), "")
     return (beside.read_bytes(), kind) if kind and beside.is_file() else (None, "")

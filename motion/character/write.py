@@ -8,14 +8,20 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.character.character import Character
+from muybridge.motion.character.fbx_character import FbxSource, write_fbx_character_clip
 from muybridge.motion.character.gltf_character import rest_linear
+from muybridge.motion.character.read import BvhSource
+from muybridge.motion.formats.fbx.container import MAGIC
 from muybridge.motion.formats.gltf.append import node_tracks, write_gltf_clip
 from muybridge.motion.formats.gltf.rig import Rig
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.motion.formats.skeletal.bvh_append import write_bvh_motion
 
 
 def write_character_clip(character: Character, motion: Motion, path: Path, name: str) -> tuple[str, ...]:
     """Write a character's file again with one more clip, and nothing else changed.
+
+    A BVH holds one motion, so there the clip takes its place; the hierarchy stays to the letter.
 
     Args:
         character: as read.
@@ -41,7 +47,13 @@ def write_character_clip(character: Character, motion: Motion, path: Path, name:
         in_scene = BVH_FROM_WORLD @ turns @ BVH_FROM_WORLD.T
         tracks = node_tracks(rig, rest_linear(rig), in_scene, places @ BVH_FROM_WORLD.T)
         return write_gltf_clip(rig, tracks, motion.fps, path, name)
-    raise FormatError(f"{path}: {path.suffix} cannot hold one more clip; valid are .glb, .gltf and .vrm")
+    if isinstance(rig, FbxSource):
+        if not rig.data.startswith(MAGIC):
+            raise FormatError(f"{path}: {character.path.name} is FBX as text, which gets no clip", remedy="resave_fbx")
+        return write_fbx_character_clip(rig, motion, path, name)
+    if isinstance(rig, BvhSource):
+        return write_bvh_motion(character.path, rig.text, rig.metres, motion, path)
+    raise FormatError(f"{path}: {path.suffix} cannot hold one more clip; valid are .glb, .gltf, .vrm, .fbx and .bvh")
 
 
 def _check(character: Character, motion: Motion, path: Path, name: str) -> None:
@@ -59,7 +71,7 @@ def _check(character: Character, motion: Motion, path: Path, name: str) -> None:
     if not name or name in character.clips:
         taken = f"{character.path.name} has a clip {name!r} already" if name else "a clip needs a name"
         raise FormatError(f"{path}: {taken}", remedy="other_name")
-    bad = ~np.isfinite(motion.quat_wxyz).all(axis=-1)
+    bad = np.asarray(~np.isfinite(motion.quat_wxyz).all(axis=-1))
     bad[:, 0] |= ~np.isfinite(motion.root_positions_world).all(axis=-1)
     if motion.translations is not None:
         bad[:, list(given.sliding)] |= ~np.isfinite(motion.translations).all(axis=-1)

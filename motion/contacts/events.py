@@ -40,7 +40,8 @@ def contact_facts(contacts: Contacts) -> Mapping[str, Any]:
     """The contacts as plain values: the floor, and seconds from and to which each heel and ball stands."""
     spans = {
         f"{side}_{part}": [
-            [round(a / contacts.fps, 4), round(b / contacts.fps, 4)] for a, b in contact_spans(contacts.contact[:, k, p])
+            [round(a / contacts.fps, 4), round(b / contacts.fps, 4)]
+            for a, b in contact_spans(contacts.contact[:, k, p])
         ]
         for k, side in enumerate(FEET)
         for p, part in enumerate(PARTS)

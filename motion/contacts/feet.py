@@ -7,7 +7,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.skeleton.aliases import map_body
+from muybridge.geometry.skeleton.aliases import map_body, map_surface
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import roles_of
 from muybridge.geometry.skeleton.skeleton import Skeleton
@@ -16,6 +16,7 @@ FEET = ("left", "right")
 PARTS = ("heel", "ball")
 USUAL_LEG_M = 0.85  # hip to ankle of an adult, whom all lengths of the options fit
 _HEEL_BEHIND = 0.2  # of the way from the ankle to the ball, over the ground, that the heel is behind the ankle
+_BALL = ("big_toe", "small_toe", "toe", "metatarsal_1", "metatarsal_5")  # points that stand for it
 _STILL = 1e-3  # of a toe's quaternions, between frames
 _FOOT_OF_LEG = 0.15  # ankle to ball of a foot without a ball, as a share of the leg
 
@@ -145,8 +146,10 @@ def feet_of_points(points: Points3D) -> FootPoints:
     at, names = map_body(points.landmarks.names), points.landmarks.names
     places = np.full((len(points.points_world), 2, 2, 3), np.nan)
     variance = np.full(places.shape[:-1], np.nan)
+    skin = map_surface(points.landmarks.names) if "left_heel" not in at or "left_big_toe" not in at else {}
+    at = {**skin, **at}
     for k, side in enumerate(FEET):
-        toes = [at[n] for n in (f"{side}_big_toe", f"{side}_small_toe") if n in at]
+        toes = [at[n] for n in (f"{side}_{part}" for part in _BALL) if n in at]
         if f"{side}_heel" not in at or not toes:
             raise ValueError(f"no point is known to be the {side} {'toe' if f'{side}_heel' in at else 'heel'}; "
                              f"the points are {', '.join(names)}")  # fmt: skip

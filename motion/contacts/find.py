@@ -16,6 +16,9 @@ from muybridge.motion.contacts.plates import plate_loads, weigh_feet
 from muybridge.motion.contacts.probability import SHIFT_S, standing_probability
 from muybridge.motion.formats.points.c3d import C3DTake
 
+_PIECE_S = 0.2  # a shorter piece of a contact that was cut is no contact
+_HIGHEST_M = 0.08  # that heels and balls are over a floor that is known
+
 
 @dataclass(frozen=True)
 class ContactOptions:
@@ -28,18 +31,18 @@ class ContactOptions:
         leave: probability under which it ends.
         shortest: seconds of a contact, and of the gap between two of one point; shorter ones are dropped.
         height: metres over where it rests that a point stands no more, besides noise.
-        creep: metres that a point may be from the middle of its contact, besides twice the noise; a contact is cut where it moves
-            the fastest until none is.
+        creep: metres that a point may be from the middle of its contact, besides the noise; a contact is cut where it
+            moves the fastest until none is.
         smoothing: seconds, standard deviation of a Gaussian over the positions before velocities are taken.
     """
 
     floor: Floor | None = None
     slope: bool = False
     enter: float = 0.5
-    leave: float = 0.3
+    leave: float = 0.4
     shortest: float = 0.06
-    height: float = 0.02
-    creep: float = 0.02
+    height: float = 0.045
+    creep: float = 0.025
     smoothing: float = 0.025
 
 
@@ -123,25 +126,35 @@ def find_contacts(
     floor, clearance = find_floor(feet, speed, options.slope)
     if options.floor is not None:
         clearance = clearance + (floor.height - options.floor.height) * floor.normal[2]
-        clearance = np.clip(clearance, 0, None)
+        clearance = np.clip(clearance, 0, _HIGHEST_M * feet.size)
         floor = options.floor
     heights = floor.heights(feet.places) - clearance
-    frames = len(heights)
-    flat = (frames, 4)
-    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), shift.reshape(flat),
-                                        feet.sigma.reshape(flat), feet.fps, feet.size)  # fmt: skip
-    probability = found.reshape(frames, 2, 2)
+    found, noise = _probability(feet, heights, velocity, shift)
     loads = plate_loads(plates) if plates is not None else ()
-    for load in loads:
-        probability = weigh_feet(probability, feet.places, load)
-    contact = np.zeros(probability.shape, np.bool_)
+    weighed = [weigh_feet(found, feet.places, load) for load in loads]
+    none = np.zeros(found.shape, np.bool_)
+    stands, free = (np.logical_or.reduce([none, *(each[k] for each in weighed)]) for k in (0, 1))
+    found = np.where(free & ~stands, 0.0, found)
+    contact = np.zeros(found.shape, np.bool_)
     for k in range(2):
         for p in range(2):
-            held = _with_hysteresis(probability[:, k, p], options, feet.fps)
+            held = _with_hysteresis(found[:, k, p], options, feet.fps)
             held &= ~(heights[:, k, p] > options.height * feet.size + noise)
-            most = options.creep * feet.size + 2 * noise
-            contact[:, k, p] = _still(held, smooth[:, k, p], most, round(2 * options.shortest * feet.fps))
-    return Contacts(contact, feet.fps, floor, probability, clearance, noise, len(loads))
+            most = options.creep * feet.size + noise
+            still = _still(held, smooth[:, k, p], most, round(_PIECE_S * feet.fps))
+            contact[:, k, p] = without_short_runs(still, round(options.shortest * feet.fps))
+    found = np.where(stands, 1.0, found)
+    return Contacts(contact | stands, feet.fps, floor, found, clearance, noise, len(loads))
+
+
+def _probability(
+    feet: FootPoints, heights: FloatArray, velocity: FloatArray, shift: FloatArray
+) -> tuple[FloatArray, float]:
+    """(T, 2, 2) that heels and balls stand, and the noise that was assumed."""
+    flat = (len(heights), 4)
+    found, noise = standing_probability(heights.reshape(flat), velocity.reshape(*flat, 3), shift.reshape(flat),
+                                        feet.sigma.reshape(flat), feet.fps, feet.size)  # fmt: skip
+    return found.reshape(heights.shape), noise
 
 
 def without_short_runs(contact: BoolArray, shortest: int) -> BoolArray:
@@ -215,20 +228,17 @@ def _with_hysteresis(probability: FloatArray, options: ContactOptions, fps: floa
 
 def _still(contact: BoolArray, places: FloatArray, most: float, shortest: int) -> BoolArray:
     """(T,) the contacts, cut into pieces in which a point (T, 3) stays within `most` metres of its median place."""
-    out, open_spans = contact.copy(), contact_spans(contact)
+    out, open_spans = contact.copy(), [(a, b, False) for a, b in contact_spans(contact)]
     while open_spans:
-        a, b = open_spans.pop()
-        away = np.linalg.norm(places[a:b] - np.median(places[a:b], axis=0), axis=1)
-        if away.max() <= most:
-            continue
-        if b - a <= max(shortest, 2):
+        a, b, is_piece = open_spans.pop()
+        if is_piece and b - a < shortest:
             out[a:b] = False
+            continue
+        away = np.linalg.norm(places[a:b] - np.median(places[a:b], axis=0), axis=1)
+        if away.max() <= most or b - a < 3:
             continue
         cut = a + 1 + int(np.argmax(np.linalg.norm(np.diff(places[a:b], axis=0), axis=1)))
-        left, right = max(cut - shortest // 2, a), min(cut + max(shortest // 2, 1), b)
+        left, right = max(cut - shortest // 8, a), min(cut + max(shortest // 8, 1), b)
         out[left:right] = False
-        open_spans += [(c, d) for c, d in ((a, left), (right, b)) if c < d]
-    for a, b in contact_spans(out):
-        if b - a < shortest and a > 0 and b < len(out):
-            out[a:b] = False
+        open_spans += [(c, d, True) for c, d in ((a, left), (right, b)) if c < d]
     return out

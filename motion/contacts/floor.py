@@ -57,8 +57,9 @@ def find_floor(feet: FootPoints, speed: FloatArray, slope: bool = False) -> tupl
     rest = _resting_heights(feet, flat, slow)
     if not slope or not np.isfinite(rest).all():
         return _put(flat, rest)
-    for _ in range(4):
+    for turn in range(5):  # at first by all slow frames, then by those near the floor
         near = slow & (np.abs(flat.heights(feet.places) - rest) < _NEAR_M * feet.size)
+        near = near if turn else slow
         gradient = _gradient(feet.places, rest, near)
         normal = np.array([-gradient[0], -gradient[1], 1.0])
         x, y, z = (normal / np.linalg.norm(normal)).tolist()

@@ -71,9 +71,7 @@ def _offset(leg: Leg, point: int) -> FloatArray:
     return leg.heel if point == HEEL else leg.ball
 
 
-def _flat_orientations(
-    turns: FloatArray, flat: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray
-) -> FloatArray:
+def _flat_orientations(turns: FloatArray, flat: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray) -> FloatArray:
     """(T, 3, 3) one orientation for each span of a flat foot, heel and ball at their heights; as it is elsewhere."""
     out, line = turns.copy(), leg.ball - leg.heel
     normal = np.array(floor.normal)

@@ -180,7 +180,9 @@ def _moved(motion: Motion, turns: FloatArray, shift: FloatArray, legs: tuple[Leg
     while skeleton.parents[top] >= 0:
         top = skeleton.parents[top]
     if top == 0 or motion.translations is None:
-        return replace(motion, root_positions_world=motion.root_positions_world + shift, quat_wxyz=continuous_quat(quat))
+        return replace(
+            motion, root_positions_world=motion.root_positions_world + shift, quat_wxyz=continuous_quat(quat)
+        )
     translations = motion.translations.copy()
     translations[:, skeleton.sliding.index(top)] += shift
     return replace(motion, translations=translations, quat_wxyz=continuous_quat(quat))

@@ -10,7 +10,7 @@ from muybridge.motion.formats.points.c3d import C3DTake
 
 LOADED_N = 20.0  # newtons from which a plate counts as loaded, as gait laboratories have it
 _OFFSET_N = 30.0  # an unloaded plate reads no more than this
-_MARGIN_M = 0.03  # by which a foot may stand over the edge
+_OVER_M, _INSIDE_M = 0.03, -0.01  # by which a foot that loads a plate may be over its edge, and one that does not
 _QUIET = 0.2  # share of the samples, the smallest, that an offset is taken from
 
 # Channels whose sum is the vertical force, by type of plate (C3D manual, FORCE_PLATFORM:TYPE).
@@ -34,15 +34,15 @@ class PlateLoad:
         """(T,) whether somebody stands on it."""
         return self.force >= LOADED_N
 
-    def carries(self, places: FloatArray) -> BoolArray:
-        """(...) whether points (..., 3) are over it, or over its edge by a little."""
+    def carries(self, places: FloatArray, margin: float) -> BoolArray:
+        """(...) whether points (..., 3) are over it, or over its edge by no more than `margin` metres."""
         at = self.corners[:, :2]
         inside = np.ones(places.shape[:-1], np.bool_)
         turning = np.sign(_cross(at[1] - at[0], at[2] - at[1]))
         for a, b in zip(at, np.roll(at, -1, 0), strict=True):
             side = (b - a) / (np.linalg.norm(b - a) + 1e-12)
             away = places[..., :2] - a
-            inside &= turning * _cross(side, away) > -_MARGIN_M
+            inside &= turning * _cross(side, away) > -margin
         return inside
 
 
@@ -64,7 +64,9 @@ def plate_loads(take: C3DTake) -> tuple[PlateLoad, ...]:
         columns = [] if vertical is None else channels[vertical, k].astype(int) - 1
         if not len(columns) or min(columns) < 0 or max(columns) >= analog.values.shape[1]:
             continue
-        force = _force_at_frames(analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world))
+        force = _force_at_frames(
+            analog.values[:, columns].sum(1), analog.rate / take.points.fps, len(take.points.points_world)
+        )
         out.append(PlateLoad(corners[:, :, k].T / 1e3, force))
     return tuple(out)
 
@@ -78,24 +80,24 @@ def _force_at_frames(samples: FloatArray, per_frame: float, frames: int) -> Floa
     return np.abs(smooth[at])
 
 
-def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> FloatArray:
-    """(T, 2, 2) probabilities that heels and balls stand, corrected by a plate.
+def weigh_feet(probability: FloatArray, places: FloatArray, load: PlateLoad) -> tuple[BoolArray, BoolArray]:
+    """(T, 2, 2) which heels and balls a plate shows to stand, and which it shows not to.
 
-    A foot over the plate does not stand while the plate is unloaded. While it is loaded and only one foot is over it,
-    that foot stands, on whichever of its points is the more probable.
+    A foot over the plate does not stand while the plate is unloaded. While it is loaded, the foot over it stands, the
+    more probable of two, on whichever of its points is the more probable.
 
     Args:
         probability: (T, 2, 2)
         places: (T, 2, 2, 3) metres of heels and balls.
-        load: of the plate; frames beyond its last are left alone.
+        load: of the plate; frames beyond its last are not shown.
     """
-    out = probability.copy()
-    count = min(len(out), len(load.force))
-    over, loaded = load.carries(places[:count]), load.loaded[:count]
-    whole = over.all(-1)
-    out[:count][whole & ~loaded[:, None]] = 0.0
-    alone = whole & ~over.any(-1)[:, ::-1] & loaded[:, None]
-    first = out[:count].argmax(-1)
-    frames, feet = np.nonzero(alone)
-    out[frames, feet, first[frames, feet]] = 1.0
-    return out
+    stands, free = np.zeros(probability.shape, np.bool_), np.zeros(probability.shape, np.bool_)
+    count = min(len(probability), len(load.force))
+    here, loaded = places[:count], load.loaded[:count]
+    free[:count] = (load.carries(here, _INSIDE_M).all(-1) & ~loaded[:, None])[..., None]
+    over = load.carries(here, _OVER_M).any(-1)
+    likely = probability[:count].max(-1)
+    ahead = ~over[:, ::-1] | (likely > likely[:, ::-1])  # of a foot that only swings over the plate
+    frames, feet = np.nonzero(over & ahead & loaded[:, None])
+    stands[frames, feet, probability[frames, feet].argmax(-1)] = True
+    return stands, free

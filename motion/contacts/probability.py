@@ -12,10 +12,11 @@ from scipy.special import logsumexp
 
 from muybridge.arrays import FloatArray
 
-# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise; Student's t of NU.
-_HEIGHT_M, _SPEED, _SHIFT_M = 0.008, 0.05, 0.008
+# Standing: height, metres, velocity a coordinate, metres per second, and way over `SHIFT_S`, without any noise. Speed
+# and way are Student's t of NU.
+_HEIGHT_M, _SPEED, _SHIFT_M = 0.012, 0.055, 0.008
 _NU = 12.0
-SHIFT_S = 0.14  # seconds over which a foot that creeps shows
+SHIFT_S = 0.1  # seconds over which a foot that creeps shows
 # Swinging: heights from the floor up, and velocity a coordinate, by a mixture of slow and fast.
 _SWING_HEIGHT_M = 0.12
 _SWING_SPEEDS = ((0.25, 0.15), (0.35, 0.7), (0.4, 2.5))  # share, standard deviation
@@ -24,7 +25,7 @@ _BELOW_M = 0.004  # how far under the floor a swinging point may be, besides noi
 # Mean durations, seconds.
 _STANCE_S, _SWING_S = 0.8, 0.4
 # Noise of positions, metres, and how fast it changes: velocity over position, 1/s, of the demo's landmarks.
-LADDER_M = (0.0, 0.003, 0.006, 0.009, 0.013)
+LADDER_M = (0.0, 0.003, 0.006, 0.009)
 NOISE_RATE = 9.0
 
 
@@ -41,7 +42,7 @@ def standing_probability(
         fps: frames per second.
         size: of the body against an adult's.
     """
-    given = np.isfinite(sigma).mean() > 0.5
+    given = bool(sigma.size) and np.isfinite(sigma).mean() > 0.5
     ladder = (float(np.nanmedian(sigma)),) if given else tuple(n * size for n in LADDER_M)
     best, likelihood, noise = np.zeros(heights.shape), -np.inf, 0.0
     for level in ladder:
@@ -58,6 +59,9 @@ def _emissions(
 ) -> FloatArray:
     """(2, T, K) log-likelihoods of swinging and of standing; both zero where the point is not known."""
     high, speed = np.hypot(_HEIGHT_M * size, noise), np.hypot(_SPEED * size, noise * NOISE_RATE)
+    known = np.isfinite(heights) & np.isfinite(velocity).all(-1)
+    heights, shift = np.where(known, heights, 0.0), np.where(known, shift, 0.0)
+    velocity = np.where(known[..., None], velocity, 0.0)
     stands = -0.5 * (heights / high) ** 2 - np.log(high) - 0.5 * log(2 * pi)
     stands += _student(np.linalg.norm(velocity, axis=-1), speed, 3)
     top, soft = _SWING_HEIGHT_M * size, np.hypot(_BELOW_M * size, noise)
@@ -74,7 +78,7 @@ def _emissions(
                      - 0.5 * squared / s**2 - 0.5 * (shift / way) ** 2)  # fmt: skip
     swings = swings + logsumexp(parts, axis=0)
     out = np.stack([swings, stands])
-    return np.where(np.isfinite(out).all(0), out, 0.0)
+    return np.where(known, out, 0.0)
 
 
 def _student(distance: FloatArray, scale: FloatArray, dimensions: int) -> FloatArray:

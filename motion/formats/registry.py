@@ -209,6 +209,8 @@ def write_file(path: Path, take: Take, bvh_units: BvhUnits = "m") -> None:
             chosen.write_points(path, take.positions)
     elif take.motion is None:
         raise FormatError(f"{path}: points have no joint rotations, which {suffix} holds", remedy="fit_points")
+    elif suffix == ".glb":
+        write_glb(path, take.motion, take.keys)
     else:
         assert chosen.write_motion is not None
         chosen.write_motion(path, take.motion, bvh_units)

@@ -26,16 +26,11 @@ def align(source: Rig, target: Rig) -> dict[str, FloatArray]:
         for part, child in BONES.items():
             role, end = f"{side}_{part}", f"{side}_{child}"
             out[role] = to_usual(source, role, end).T @ to_usual(target, role, end)
-        for part in ("hand", "foot"):
-            role = f"{side}_{part}"
-            frame = hand_frame if part == "hand" else foot_frame
-            mine, other = frame(source, side), frame(target, side)
-            if mine is not None and other is not None:
-                out[role] = mine @ other.T
-            elif part == "hand":
-                out[role] = out[f"{side}_forearm"]
-        if f"{side}_foot" in out:
-            out[f"{side}_toe"] = out[f"{side}_foot"]
+        hands = [hand_frame(rig, side) for rig in (source, target)]
+        out[f"{side}_hand"] = out[f"{side}_forearm"]
+        if hands[0] is not None and hands[1] is not None:
+            out[f"{side}_hand"] = hands[0] @ hands[1].T
+        out[f"{side}_foot"] = out[f"{side}_toe"] = foot_frame(source, side) @ foot_frame(target, side).T
         out |= _fingers(source, target, side, out[f"{side}_hand"])
     return out
 
@@ -80,8 +75,8 @@ def hand_frame(rig: Rig, side: str) -> FloatArray | None:
     return np.stack([along, across, np.cross(along, across)], axis=1)
 
 
-def foot_frame(rig: Rig, side: str) -> FloatArray | None:
-    """(3, 3) axes of a foot that stands flat at rest: ahead over the ground, and up; None where it has no length."""
+def foot_frame(rig: Rig, side: str) -> FloatArray:
+    """(3, 3) axes of a foot that stands flat at rest: ahead over the ground, its left, and up."""
     foot = rig.roles[f"{side}_foot"]
     toe = rig.roles.get(f"{side}_toe", -1)
     ahead = rig.places[toe] - rig.places[foot] if toe >= 0 else np.nan_to_num(rig.tips[foot])

@@ -1,9 +1,9 @@
-"""Orientations of a target's joints from those of a source: what a take looks like on another body, before the floor."""
+"""Orientations of a target's joints from those of a source: a take on another body, before the floor counts."""
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.numerics.rotations import exp_so3, quat_from_matrix
+from muybridge.geometry.numerics.rotations import exp_so3, quat_from_rotation
 from muybridge.geometry.roles.facing import unit
 from muybridge.geometry.skeleton.profiles import FINGERS
 from muybridge.motion.retargeting.alignment import BONES, align, swing
@@ -33,7 +33,21 @@ def carry(source: Rig, posed: Posed, target: Rig) -> FloatArray:
             line, share, angle = twists[j]
             side_turn = driven[line[0]]
             out[:, j] = side_turn @ exp_so3(angle[:, None] * share * line[1])
+    for side in SIDES:
+        _straighten(out, target, target.roles[f"{side}_forearm"], target.roles[f"{side}_hand"])
     return out
+
+
+def _straighten(turns: FloatArray, rig: Rig, elbow: int, hand: int) -> None:
+    """Turn a forearm, in place, so that the hand is where it was before twist bones beside the bone's line turned."""
+    chain = rig.path(hand, elbow)
+    if len(chain) < 2:
+        return
+    wanted = turns[:, elbow] @ unit(rig.places[hand] - rig.places[elbow])
+    now = np.sum([turns[:, rig.parents[j]] @ (rig.places[j] - rig.places[rig.parents[j]]) for j in chain], axis=0)
+    back = swing(now / np.linalg.norm(now, axis=-1, keepdims=True), wanted)
+    below = [j for j in range(len(rig.parents)) if elbow in rig.above(j) and hand not in rig.above(j)]
+    turns[:, below] = back[:, None] @ turns[:, below]
 
 
 def _driven(source: Rig, posed: Posed, target: Rig) -> dict[int, FloatArray]:
@@ -85,7 +99,7 @@ def _forearm_twists(
         elbow, hand = target.roles[f"{side}_forearm"], target.roles[f"{side}_hand"]
         bone = target.places[hand] - target.places[elbow]
         axis, length = unit(bone), float(np.linalg.norm(bone))
-        quat = quat_from_matrix(np.swapaxes(driven[elbow], -1, -2) @ driven[hand])
+        quat = quat_from_rotation(np.swapaxes(driven[elbow], -1, -2) @ driven[hand])
         angle = 2 * np.arctan2(quat[:, 1:] @ axis, quat[:, 0])
         angle = np.unwrap((angle + np.pi) % (2 * np.pi) - np.pi)
         angle = angle - 2 * np.pi * np.round(np.median(angle) / (2 * np.pi)) if len(angle) else angle

@@ -114,8 +114,8 @@ def make_rig(skeleton: Skeleton, roles: Mapping[str, int], root_at_rest: FloatAr
     unposed = axes.T @ turns[joints]
     start = np.zeros(3) if root_at_rest is None else root_at_rest
     return Rig(
-        tuple(skeleton.names[j] for j in joints), tuple(index.get(parents[j], -1) if j != mover else -1 for j in joints),
-        tuple(joints), {role: index[j] for role, j in roles.items() if j in index},
+        tuple(skeleton.names[j] for j in joints), (-1, *(index[parents[j]] for j in joints[1:])), tuple(joints),
+        {role: index[j] for role, j in roles.items() if j in index},
         (places[joints] - places[mover]) @ axes, (skeleton.tips[joints][:, None] @ np.swapaxes(unposed, -1, -2))[:, 0],
         unposed, tuple(index[j] for j in detached), places[mover] + start,
     )  # fmt: skip
@@ -123,6 +123,7 @@ def make_rig(skeleton: Skeleton, roles: Mapping[str, int], root_at_rest: FloatAr
 
 def body_axes_at_rest(places: FloatArray, roles: Mapping[str, int]) -> FloatArray:
     """(3, 3) the body's left, back and up as columns; along the world's axes where they nearly are."""
+
     def middle(part: str) -> FloatArray:
         return np.asarray((places[roles[f"left_{part}"]] + places[roles[f"right_{part}"]]) / 2)
 
@@ -209,8 +210,52 @@ class Posed:
 
 def pose_rig(rig: Rig, motion: Motion) -> Posed:
     """A motion of a file's skeleton, as its rig moves."""
-    turns, places = motion.skeleton.forward(
-        motion.root_positions_world, matrix_from_quat(motion.quat_wxyz), motion.translations
+    needed = {0}
+    for j in rig.joints:
+        while j >= 0 and j not in needed:
+            needed.add(j)
+            j = motion.skeleton.parents[j]
+    chosen = sorted(needed)
+    index = {j: k for k, j in enumerate(chosen)}
+    some = _part(motion, chosen, index)
+    turns, places = some.skeleton.forward(
+        some.root_positions_world, matrix_from_quat(some.quat_wxyz), some.translations
     )
-    joints = list(rig.joints)
+    joints = [index[j] for j in rig.joints]
     return Posed(turns[:, joints] @ np.swapaxes(rig.unposed, -1, -2), places[:, joints])
+
+
+def _part(motion: Motion, chosen: list[int], index: Mapping[int, int]) -> Motion:
+    """The motion of some joints and all above them; the first one is among them."""
+    whole = motion.skeleton
+    slides = [k for k, j in enumerate(whole.sliding) if j in index]
+    skeleton = Skeleton(
+        tuple(whole.names[j] for j in chosen), tuple(index.get(whole.parents[j], -1) for j in chosen),
+        whole.offsets[chosen], whole.tips[chosen], tuple(whole.twist_axis[j] for j in chosen), whole.lower[chosen],
+        whole.upper[chosen], None, tuple(index[whole.sliding[k]] for k in slides),
+    )  # fmt: skip
+    shifts = motion.translations[:, slides] if motion.translations is not None and slides else None
+    return Motion(skeleton, motion.fps, motion.root_positions_world, motion.quat_wxyz[:, chosen], shifts)
+
+
+def part_of(rig: Rig, chosen: list[int]) -> Rig:
+    """Some joints of a rig, ascending: the mover, and with each joint those above it."""
+    index = {j: k for k, j in enumerate(chosen)}
+    return Rig(
+        tuple(rig.names[j] for j in chosen), tuple(index.get(rig.parents[j], -1) for j in chosen),
+        tuple(rig.joints[j] for j in chosen), {role: index[j] for role, j in rig.roles.items() if j in index},
+        rig.places[chosen], rig.tips[chosen], rig.unposed[chosen], tuple(index[j] for j in rig.detached if j in index),
+        rig.mover_at_rest,
+    )  # fmt: skip
+
+
+def named_part(rig: Rig) -> Rig:
+    """The joints of a rig that have a role, and those above them."""
+    return part_of(rig, sorted({k for j in rig.roles.values() for k in rig.above(j)}))
+
+
+def legs_of(rig: Rig) -> list[int]:
+    """The joints of a rig that carry the feet, or hang from them."""
+    feet = [rig.roles[f"{side}_foot"] for side in SIDES]
+    lines = {j for foot in feet for j in rig.above(foot)}
+    return [j for j in range(len(rig.parents)) if j in lines or any(foot in rig.above(j) for foot in feet)]

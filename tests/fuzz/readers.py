@@ -28,6 +28,8 @@ from muybridge.infer.session.timestamps import paired_by_time
 from muybridge.models.keypoints.external import load_card, shipped_cards
 from muybridge.models.keypoints.metadata import keypoint_card
 from muybridge.models.pseudo_labels import PseudoLabels, load_pseudo_labels, save_pseudo_labels
+from muybridge.motion.character.character import Character
+from muybridge.motion.character.read import read_character
 from muybridge.motion.formats.points.c3d import Analog, C3DTake, Event, write_c3d
 from muybridge.motion.formats.points.world import FARTHEST
 from muybridge.motion.formats.registry import ReadOptions, read_file, readable, write_file
@@ -36,6 +38,10 @@ from muybridge.motion.take import Take
 from muybridge.npz import load_npz
 from tests.fuzz.mutators import Kind
 from tests.geometry.calibration.format_texts import caliscope_text, opencv_text, pose2sim_text, qualisys_text, rig
+from tests.motion.character.test_characters import rig_file
+from tests.motion.character.test_fbx_characters import character_file
+from tests.motion.formats.test_fbx_text import text_file
+from tests.motion.formats.test_gltf_packed import QUATERNIONS, packed_file
 from tests.motion.formats.test_layouts import TABLES
 from tests.motion.formats.test_mot import make_motion
 from tests.rigs import ring_of_cameras
@@ -250,9 +256,28 @@ _CORRECTIONS = "# frames from to\n100-250 LWRA LWRB\n410 *12 RTOE\nall C7 T10\n3
 _KNOWN_POINTS = "camera,x,y,z,u,v\n" + "".join(f"a,{k},{k * 2},0.5,{100 + k},{200 - k}\n" for k in range(4))
 _BOARD = 'columns = 4\nrows = 5\nsquare_size_override_cm = 5.4\ndictionary = "DICT_4X4_100"\ninverted = true\n'
 
+
+def _sound_character(character: Character) -> None:
+    """Finite meshes whose triangles and weights refer to what there is, and a motion as of any file."""
+    sound_take(Take(motion=character.motion))
+    for mesh in character.meshes:
+        assert np.isfinite(mesh.positions).all() and 0 <= mesh.triangles.min(initial=0)
+        assert mesh.triangles.max(initial=-1) < len(mesh.positions) and mesh.joints.shape == mesh.weights.shape
+        assert mesh.joints.min(initial=0) >= 0 and mesh.joints.max(initial=0) < len(character.skeleton)
+        assert all(m.offsets.shape == mesh.positions.shape for m in mesh.morphs)
+
+
+def _text_fbx(folder: Path) -> Path:
+    return text_file(character_file(folder / "binary.fbx"), folder / "good.fbx")
+
+
 READERS: dict[str, Reader] = {
     **{suffix: _take_file(suffix) for suffix in readable()},
     **{f"table {name}": _table(name) for name in TABLES},
+    "character glTF": Reader("glb", lambda f: rig_file(f / "good.glb", {}), read_character, _sound_character),
+    "character FBX": Reader("binary", lambda f: character_file(f / "good.fbx"), read_character, _sound_character),
+    "character FBX text": Reader("text", _text_fbx, read_character, _sound_character),
+    "packed glTF": Reader("glb", lambda f: packed_file(f / "good.glb", QUATERNIONS), read_file, sound_take),
     ".asf": Reader("text", _asf, _read_asf, sound_take),
     **{f"calibration {how}": Reader("text", _exported(how), read_calibration, sound_rig) for how in EXPORT_FORMATS},
     "calibration qualisys": Reader("text", _text("rig.txt", qualisys_text(rig())), read_calibration, sound_rig),

@@ -1,8 +1,8 @@
-from .compositor import AugmentOptions as AugmentOptions
 from .compositor import Batch as Batch
 from .compositor import Compositor as Compositor
 from .dataset import batches as batches
 from .dataset import training_data as training_data
+from .options import AugmentOptions as AugmentOptions
 from .scenes import SceneBatch as SceneBatch
 from .scenes import SceneCompositor as SceneCompositor
 

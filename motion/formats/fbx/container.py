@@ -147,17 +147,15 @@ def read_fbx_nodes(path: Path) -> Node:
     Raises:
         FormatError: no such file, text instead of binary, of a version before 2011, damaged.
     """
-    with parsing(path, FormatError, "a binary FBX", "export_fbx"):
+    with parsing(path, FormatError, "a binary FBX", "resave_fbx"):
         return _read_nodes(path, Path(path).read_bytes())
 
 
 def _read_nodes(path: Path, data: bytes) -> Node:
     if not data.startswith(MAGIC[:20]):
-        text = b"FBXHeaderExtension" in data[:4000]
-        raise FormatError(f"{path}: {'FBX as text' if text else 'no FBX file'}; export it as binary FBX")
+        raise FormatError(f"{path}: no FBX file; export it as binary FBX")
     (version,) = struct.unpack_from("<I", data.ljust(len(MAGIC) + 4, b"\0"), len(MAGIC))
-    if not 7000 <= version < 8000:
-        raise FormatError(f"{path}: FBX of version {version / 1000:g}; export it as FBX 2013 or newer (7.3 to 7.7)")
+    check_version(path, version)
     out, at = Node("", (), []), len(MAGIC) + 4
     reader = _Reader(data, head_of(version))
     while True:
@@ -165,6 +163,13 @@ def _read_nodes(path: Path, data: bytes) -> Node:
         if node is None:
             return out
         out.append(node)
+
+
+def check_version(path: Path, version: int) -> None:
+    """FormatError where a file is older than FBX 2011."""
+    if not 7000 <= version < 8000:
+        raise FormatError(f"{path}: FBX of version {version / 1000:g}; FBX 2011 or newer (7.0 to 7.7) is read",
+                          remedy="resave_fbx")  # fmt: skip
 
 
 class _Reader:

@@ -1,4 +1,4 @@
-"""Reading a skeleton and its animation from a binary FBX file, whichever program wrote it."""
+"""Reading a skeleton and its animation from an FBX file, whichever program wrote it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,8 +8,8 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.formats.fbx.container import read_fbx_nodes
 from muybridge.motion.formats.fbx.scene import ErrorFactory, Model, Scene, read_scene
+from muybridge.motion.formats.fbx.text import read_fbx_document
 from muybridge.motion.formats.skeletal.joint_frames import frame_times, motion_from_frames
 
 _DEFAULT_FPS = 30.0
@@ -21,7 +21,7 @@ _ENDS = ("_End", "_end", "_Nub")
 def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[str, ...]]:
     """Read a file's largest skeleton and one of its animations into metres, Z up.
 
-    Binary FBX 7.0 to 7.7. Tangents with weights count as such without; layers of animation have to be one.
+    FBX 7.0 to 7.7, binary or text. Tangents with weights count as such without; layers of animation have to be one.
 
     Args:
         path: a `.fbx` file.
@@ -33,14 +33,14 @@ def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[s
         left out, one sentence each.
 
     Raises:
-        FormatError: malformed, text, no skeleton, no such clip (the message lists those there are), or
+        FormatError: malformed, no skeleton, no such clip (the message lists those there are), or
             joints below a node that stretches or mirrors.
     """
 
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
         return FormatError(f"{path}: {problem}", remedy=remedy)
 
-    with parsing(path, FormatError, "a binary FBX", "export_fbx"):
+    with parsing(path, FormatError, "an FBX", "resave_fbx"):
         return _read(Path(path), clip, error)
 
 
@@ -72,7 +72,7 @@ class FbxRig:
 
 
 def _read(path: Path, clip: str | int | None, error: ErrorFactory) -> tuple[Motion, tuple[str, ...]]:
-    rig = read_rig(path, read_scene(read_fbx_nodes(path), error, clip), clip, error)
+    rig = read_rig(path, read_scene(read_fbx_document(path), error, clip), clip, error)
     return _motion(rig, error), tuple(rig.notices)
 
 
@@ -82,9 +82,9 @@ def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFacto
     Raises:
         FormatError: there is none, or a model is its own ancestor.
     """
-    above = {n: _above(scene, n, error) for n, m in scene.models.items() if m.kind in _LIMBS}
+    above = {n: _above(scene, n, error) for n in _bones(scene)}
     if not above:
-        raise error("holds no skeleton (no limb nodes)")
+        raise error("holds no skeleton (no limb nodes, no skin and no animated nodes)")
     trees: dict[int, list[list[int]]] = {}
     for line in above.values():
         trees.setdefault(line[0], []).append(line)
@@ -108,6 +108,18 @@ def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFacto
     joints = [n for n in order if n not in ends]
     tips = {n: children[n][0] for n in joints if children[n] and set(children[n]) <= ends}
     return FbxRig(scene, higher, order, joints, tips, notices)
+
+
+def _bones(scene: Scene) -> list[int]:
+    """Limb nodes and what skins are bound to; without any, what an animation of the file moves."""
+    bound = {n for link in scene.links if (n := link[1]) in scene.models and link[2] in scene.objects
+             and scene.objects[link[2]].properties[2:3] == ("Cluster",)}  # fmt: skip
+    bones = [n for n, m in scene.models.items() if m.kind in _LIMBS or n in bound]
+    if bones:
+        return bones
+    moved = {link[2] for link in scene.links if link[0] == "OP" and link[1] in scene.objects
+             and scene.objects[link[1]].name == "AnimationCurveNode"}  # fmt: skip
+    return [n for n, m in scene.models.items() if n in moved and m.kind not in ("Camera", "Light")]
 
 
 def _above(scene: Scene, number: int, error: ErrorFactory) -> list[int]:

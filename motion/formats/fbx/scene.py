@@ -119,11 +119,16 @@ class Model:
         """(T, 3, 3) parent from node, from the angles of its rotation (T, 3)."""
         columns = ["XYZ".index(axis) for axis in self.order]
         moving = Rotation.from_euler(self.order.lower(), np.radians(angles_deg[:, columns])).as_matrix()
+        before, after = self.around()
+        return np.asarray(before @ moving @ after.T)
+
+    def around(self) -> tuple[FloatArray, FloatArray]:
+        """(3, 3) its constant rotations: a turn is the first, the one that changes, and the inverse of the second."""
         before, after = (
             Rotation.from_euler("xyz", np.radians(self.vectors[name])).as_matrix()
             for name in ("PreRotation", "PostRotation")
         )
-        return np.asarray(before @ moving @ after.T)
+        return before, after
 
 
 @dataclass

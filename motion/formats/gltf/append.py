@@ -154,7 +154,10 @@ def _copy_files(document: Document, path: Path) -> None:
         uri = str(raw.get("uri", "data:"))
         if uri.startswith("data:") or "://" in uri:
             continue
-        source, target = document.path.parent / unquote(uri), path.parent / unquote(uri)
+        beside = Path(unquote(uri))
+        if beside.is_absolute() or ".." in beside.parts:  # nothing is written outside the folder
+            continue
+        source, target = document.path.parent / beside, path.parent / beside
         if source.is_file() and not target.exists():
             with replacing(target) as temporary:
                 temporary.write_bytes(source.read_bytes())

@@ -13,6 +13,7 @@ from muybridge.arrays import ByteArray
 _GROUP = 16  # elements whose differences are packed together
 _BLOCK_BYTES, _LARGEST_BLOCK = 8192, 256
 _LARGEST_STRIDE = 256
+_TAIL = 32  # bytes at the end, which hold the element before the first
 _RATIO = 256  # bytes that a compressed byte can stand for: more is damage
 
 
@@ -61,8 +62,8 @@ def _attributes(data: bytes, count: int, stride: int) -> ByteArray:
             turned = (differences >> 1) ^ (-(differences & 1).astype(np.int16)).astype(np.uint8)
             out[start : start + size, k] = (np.cumsum(turned[:size], dtype=np.uint8) + last[k]).astype(np.uint8)
         last = out[start + size - 1]
-    if at > len(data):
-        raise IndexError("the attributes end too early")
+    if at + max(stride, _TAIL) != len(data):
+        raise IndexError("the attributes end elsewhere than their data")
     return out
 
 
@@ -170,8 +171,8 @@ def _triangles(data: bytes, count: int) -> list[int]:
     out: list[int] = []
     for code in data[1 : 1 + count // 3]:
         out += state.beside(code) if code < 0xF0 else state.apart(code)
-    if state.stream.at > len(data) - 16:
-        raise IndexError("the triangles end too early")
+    if state.stream.at != len(data) - 16:
+        raise IndexError("the triangles end elsewhere than their data")
     return out
 
 
@@ -184,6 +185,8 @@ def _indices(data: bytes, count: int) -> list[int]:
         which, value = value & 1, value >> 1
         last[which] = last[which] + (value >> 1 ^ -(value & 1)) & 0xFFFFFFFF
         out.append(last[which])
+    if stream.at != len(data) - 4:
+        raise IndexError("the indices end elsewhere than their data")
     return out
 
 
@@ -198,7 +201,7 @@ def _filtered(data: ByteArray, name: str) -> NDArray[Any]:
     if name == "EXPONENTIAL":
         whole = data.view("<i4")
         mantissa = whole << 8 >> 8
-        return np.ldexp(mantissa.astype(np.float64), whole >> 24).astype("<f4")
+        return np.asarray(np.ldexp(mantissa.astype(np.float64), whole >> 24), "<f4")
     raise ValueError(f"the filter {name!r} of elements of {stride} bytes is unknown")
 
 

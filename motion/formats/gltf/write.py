@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from muybridge import __version__
-from muybridge.arrays import FloatArray
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.skeleton.local_frames import motion_frames, own_axes, rest_frames
@@ -23,17 +23,19 @@ from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
 from muybridge.motion.formats.skeletal.bone_meshes import bone_mesh
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
+from muybridge.motion.take import Keys
 
 GLTF_FROM_WORLD = BVH_FROM_WORLD
 _BONE_COLOUR = [0.80, 0.62, 0.36, 1.0]
 
 
-def write_glb(path: Path, motion: Motion) -> None:
+def write_glb(path: Path, motion: Motion, keys: Keys | None = None) -> None:
     """Write a motion with its skeleton and a mesh of its bones.
 
     Args:
         path: the file to write; replaced only once it is complete.
         motion: metres, Z up; at least one frame.
+        keys: frames that are written, where the motion between them is what interpolation gives; None: all.
 
     Raises:
         OutputError: the file cannot be written.
@@ -74,7 +76,7 @@ def write_glb(path: Path, motion: Motion) -> None:
                 "inverseBindMatrices": buffer.add(_inverse_bind(skeleton, rest), "MAT4"),
             }
         ],
-        "animations": [_animation(motion, buffer)],
+        "animations": [_animation(motion, buffer, keys)],
     }
     document |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
     document["buffers"] = [{"byteLength": len(buffer.data)}]
@@ -129,7 +131,7 @@ def _mesh(skeleton: Skeleton, rest: FloatArray, buffer: Buffer) -> dict[str, Any
     return {"name": "bones", "primitives": [{"attributes": attributes, "material": 0}]}
 
 
-def _animation(motion: Motion, buffer: Buffer) -> dict[str, Any]:
+def _animation(motion: Motion, buffer: Buffer, keys: Keys | None) -> dict[str, Any]:
     skeleton = motion.skeleton
     turns, places = motion_frames(motion, GLTF_FROM_WORLD.T)
     if skeleton.axes is None:  # without a detour over matrices, which rounds
@@ -138,15 +140,28 @@ def _animation(motion: Motion, buffer: Buffer) -> dict[str, Any]:
         xyzw[..., :3] = xyzw[..., :3] @ GLTF_FROM_WORLD.T
     else:
         xyzw = np.roll(continuous_quat(quat_from_matrix(turns)), -1, axis=-1)
-    time = buffer.add(np.arange(len(motion)) / motion.fps, "SCALAR", bounds=True)
-    outputs = [(0, "translation", buffer.add(motion.root_positions_world @ GLTF_FROM_WORLD.T, "VEC3"))]
-    outputs += [(j, "translation", buffer.add(places[:, j], "VEC3")) for j in skeleton.sliding]
-    outputs += [(j, "rotation", buffer.add(xyzw[:, j], "VEC4")) for j in range(len(skeleton))]
+    every = np.ones((len(motion), len(skeleton)), dtype=np.bool_)
+    keys = keys or Keys(every, every[:, : 1 + len(skeleton.sliding)])
+    times: dict[bytes, int] = {}
+    channels: list[tuple[int, str, int, int]] = []
+
+    def add(node: int, what: str, values: FloatArray, kept: BoolArray) -> None:
+        mark = kept.tobytes()
+        if mark not in times:
+            times[mark] = buffer.add(np.flatnonzero(kept) / motion.fps, "SCALAR", bounds=True)
+        kind = "VEC3" if what == "translation" else "VEC4"
+        channels.append((node, what, times[mark], buffer.add(values[kept], kind)))
+
+    add(0, "translation", motion.root_positions_world @ GLTF_FROM_WORLD.T, keys.positions[:, 0])
+    for k, j in enumerate(skeleton.sliding, start=1):
+        add(j, "translation", places[:, j], keys.positions[:, k])
+    for j in range(len(skeleton)):
+        add(j, "rotation", xyzw[:, j], keys.rotations[:, j])
     return {
         "name": "motion",
         "extras": {"fps": float(motion.fps)},
-        "samplers": [{"input": time, "interpolation": "LINEAR", "output": output} for _, _, output in outputs],
+        "samplers": [{"input": time, "interpolation": "LINEAR", "output": output} for _, _, time, output in channels],
         "channels": [
-            {"sampler": k, "target": {"node": node, "path": what}} for k, (node, what, _) in enumerate(outputs)
+            {"sampler": k, "target": {"node": node, "path": what}} for k, (node, what, _, _) in enumerate(channels)
         ],
     }

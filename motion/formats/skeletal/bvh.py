@@ -200,8 +200,7 @@ def _split_channels(
         turning = [k for k, name in enumerate(names) if name.endswith("rotation")]
         if turning and t_count:
             order = "".join(names[k][0] for k in turning).upper()
-            angles = mine[:, turning] if len(turning) > 1 else mine[:, turning[0]]
-            quat[:, j] = Rotation.from_euler(order, angles, degrees=True).as_quat().reshape(t_count, 4)
+            quat[:, j] = Rotation.from_euler(order, mine[:, turning], degrees=True).as_quat().reshape(t_count, 4)
         place = np.tile(offset_of(joint), (t_count, 1))
         for k, name in enumerate(names):
             if name.endswith("position"):
@@ -246,16 +245,31 @@ def read_bvh_take(path: Path, units: str | None = None) -> Take:
         motion, notices = read_bvh_file(path, METRES_OF_LENGTH[units])
         return Take(motion=motion, notices=notices)
     motion, notices = read_bvh_file(path)
+    metres, guess = metres_per_unit_of(Path(path), motion)
+    if metres == 1.0:
+        return Take(motion=motion, notices=notices)
+    return Take(motion=read_bvh_file(path, metres)[0], notices=(*notices, *guess))
+
+
+def metres_per_unit_of(path: Path, motion: Motion) -> tuple[float, list[str]]:
+    """Metres that a unit of a BVH is, by how tall the body is at rest, and a notice where this was a guess.
+
+    Args:
+        path: named in messages.
+        motion: of the file, read as if a unit were a metre.
+
+    Raises:
+        FormatError: the height fits no unit.
+    """
     tall = _height(motion)
     for low, high, unit in _TALL:
         if low <= tall <= high:
-            if unit == "m":
-                return Take(motion=motion, notices=notices)
             metres = METRES_OF_LENGTH[unit]
-            guess = f"{path.name}: the body is {tall:.4g} units tall, so a unit is taken to be {metres:.4g} m ({unit})"
-            return Take(motion=read_bvh_file(path, metres)[0], notices=(*notices, guess))
+            return metres, [] if unit == "m" else [
+                f"{path.name}: the body is {tall:.4g} units tall, so a unit is taken to be {metres:.4g} m ({unit})"
+            ]
     if len(motion.skeleton) < _JOINTS_OF_A_BODY:  # not a person, so its height implies nothing
-        return Take(motion=motion, notices=notices)
+        return 1.0, []
     raise FormatError(
         f"{path}: the body is {tall:.4g} units tall, and BVH does not state what a unit is", remedy="bvh_units",
         units=", ".join(METRES_OF_LENGTH),

@@ -84,7 +84,8 @@ def noisy(take: TrueTake, seed: int, size: float = 1.0) -> Motion:
     for part, degrees in _NOISE_DEG.items():
         for side in ("left", "right"):
             j = take.roles[f"{side}_{part}"]
-            turns[:, j] = turns[:, j] @ exp_so3(slow_noise((len(motion), 3), motion.fps, rng) * np.radians(degrees) * size)
+            shake = slow_noise((len(motion), 3), motion.fps, rng) * np.radians(degrees) * size
+            turns[:, j] = turns[:, j] @ exp_so3(shake)
     root = motion.root_positions_world + slow_noise((len(motion), 3), motion.fps, rng) * _NOISE_ROOT_M * size
     return replace(motion, root_positions_world=root, quat_wxyz=continuous_quat(quat_from_matrix(turns)))
 

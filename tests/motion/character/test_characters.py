@@ -15,8 +15,10 @@ from muybridge.motion.character.character import Character
 from muybridge.motion.character.posing import pose_meshes
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.write import write_character_clip
+from muybridge.motion.formats.fbx.write import write_fbx
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
 from tests.motion.character.node_tree import Tree
+from tests.motion.formats.test_gltf import blender_sees, make_motion
 from tests.motion.formats.test_gltf_rigs import HALF, write
 from tests.paths import DATA
 
@@ -306,3 +308,48 @@ def test_what_cannot_be_written_is_said_and_nothing_is_written(tmp_path):
         del document["skins"]
         (tmp_path / "plain.glb").write_bytes(pack_glb(document, Tree(path).binary))
         read_character(tmp_path / "plain.glb")
+
+
+def test_the_bones_of_vrm_0_have_the_names_of_vrm_1(tmp_path):
+    names = ("hips", "leftThumbProximal", "leftThumbIntermediate", "leftThumbDistal")
+    nodes = [{"name": f"J_{n}", "children": [k + 1]} if k < 3 else {"name": f"J_{n}"} for k, n in enumerate(names)]
+    bones = [{"bone": n, "node": k} for k, n in enumerate(names)]
+    path = write(tmp_path / "m.vrm", nodes, [], extensions={"VRM": {"humanoid": {"humanBones": bones}}})
+    assert read_character(path).humanoid == {
+        "hips": 0, "leftThumbMetacarpal": 1, "leftThumbProximal": 2, "leftThumbDistal": 3,
+    }  # fmt: skip
+
+
+def test_a_mesh_with_a_number_that_is_none_and_a_clip_that_is_not_there_are_refused(tmp_path):
+    path = rig_file(tmp_path / "m.glb", {})
+    tree = Tree(path)
+    data = bytearray(tree.binary)
+    view = tree.json["bufferViews"][tree.json["accessors"][1]["bufferView"]]
+    data[view["byteOffset"] : view["byteOffset"] + 4] = np.float32(np.nan).tobytes()
+    path.write_bytes(pack_glb(tree.json, bytes(data)))
+    with pytest.raises(FormatError, match="m.glb: accessor 1 holds numbers that are not finite"):
+        read_character(path)
+    path = rig_file(tmp_path / "m.glb", {})
+    write_character_clip(read_character(path), moved(read_character(path)), tmp_path / "n.glb", "walk")
+    with pytest.raises(FormatError, match="has no clip 'run'; its clips are: 0 'walk'"):
+        read_character(tmp_path / "n.glb", "run")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".glb", ".fbx"])
+def test_blender_sees_an_added_clip_where_it_is(tmp_path, suffix):
+    path = tmp_path / f"m{suffix}"
+    if suffix == ".glb":
+        rig_file(path, {"scale": [0.01] * 3, "rotation": [-HALF, 0, 0, HALF]}, translation=[0, 100, 10])
+    else:
+        write_fbx(path, make_motion(1))
+    character = read_character(path)
+    motion = moved(character)
+    out = tmp_path / f"out{suffix}"
+    write_character_clip(character, motion, out, "new")
+    seen = blender_sees(out, motion.fps, tmp_path, "new")
+    order = [list(seen["names"]).index(name) for name in character.skeleton.names]
+    np.testing.assert_allclose(seen["places"][:, order], motion.joint_positions_world(), atol=1e-4)
+    skin = next(v for m, v in zip(character.meshes, pose_meshes(character, motion), strict=True) if not m.rigid)[-1]
+    far = np.linalg.norm(seen["vertices"][:, None] - skin[None], axis=2)
+    assert far.min(axis=0).max() < 1e-4 and far.min(axis=1).max() < 1e-4

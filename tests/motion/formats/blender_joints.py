@@ -1,4 +1,4 @@
-"""What Blender makes of a file: `python blender_joints.py FILE FPS OUT.npz`, run by a Python that has bpy.
+"""What Blender makes of a file: `blender_joints.py FILE FPS OUT.npz [READER [CLIP]]`, run by a Python that has bpy.
 
 Stores the places of every bone's head (T, B, 3) in Blender's world, and the bones' names. Not a test itself.
 """
@@ -19,7 +19,7 @@ if path.endswith(".bvh"):
     first = 1
 elif path.endswith(".fbx"):
     # Blender has two readers: one in Python, and since 4.5 one in C.
-    if sys.argv[4:] == ["c"]:
+    if sys.argv[4:5] == ["c"]:
         bpy.ops.wm.fbx_import(filepath=path)
     else:
         bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
@@ -30,6 +30,13 @@ else:
 armatures = [o for o in bpy.data.objects if o.type == "ARMATURE"]
 assert len(armatures) == 1, armatures
 armature = armatures[0]
+if sys.argv[5:] and sys.argv[5]:  # one of several clips
+    chosen = next(a for a in bpy.data.actions if sys.argv[5] in a.name)
+    armature.animation_data.action = chosen
+    if hasattr(chosen, "slots"):  # since 4.4
+        armature.animation_data.action_slot = chosen.slots[0]
+    for track in armature.animation_data.nla_tracks:
+        track.mute = True
 action = armature.animation_data.action
 last = round(action.frame_range[1])
 places = []

@@ -279,7 +279,8 @@ def test_what_cannot_be_read_is_said(tmp_path):
     file.links.add("C", "OO", hips, file.joint("spine", hips, (0, 10, 0)))
     refused(file, "its own ancestor")
     for content, words in (
-        (b"; FBX 7.3.0 project file\nFBXHeaderExtension:  {\n", "FBX as text"),
+        (b"; FBX 7.3.0 project file\nFBXHeaderExtension:  {\n", "'FBXHeaderExtension' is not closed"),
+        (b"FBXHeaderExtension: {\n FBXVersion: 6100\n}\n", "version 6.1; .* is read; open it in Blender 4.5"),
         (b"something else", "no FBX file"),
         (b"Kaydara FBX Binary  \x00\x1a\x00" + struct.pack("<I", 6100), "version 6.1"),
         (b"Kaydara FBX Binary  \x00\x1a\x00" + struct.pack("<I", 7400) + b"\x01", "damaged"),

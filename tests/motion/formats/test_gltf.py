@@ -325,12 +325,12 @@ def test_a_clip_is_chosen_by_name_or_number(tmp_path):
             read_gltf(path, clip)
 
 
-def blender_sees(path: Path, fps: float, folder: Path) -> dict[str, np.ndarray]:
+def blender_sees(path: Path, fps: float, folder: Path, clip: str = "") -> dict[str, np.ndarray]:
     if not BLENDER or not shutil.which(BLENDER):
         pytest.skip("Blender's Python module is not here: pip install bpy, or set MUYBRIDGE_BLENDER_PYTHON")
     out = folder / f"{path.suffix[1:]}.npz"
     script = Path(__file__).with_name("blender_joints.py")
-    done = subprocess.run([BLENDER, script, path, str(fps), out], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([BLENDER, script, path, str(fps), out, "", clip], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return dict(np.load(out))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_rotation
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.character.character import Character
 from muybridge.motion.contacts.find import ContactOptions, Contacts
@@ -16,11 +16,21 @@ from muybridge.motion.retargeting.grounding import (
     Ground,
     bend_toes,
     find_ground,
+    fit_soles,
     level_feet,
     local_motion,
     plant,
 )
-from muybridge.motion.retargeting.rig import SIDES, Posed, Rig, make_rig, pose_rig
+from muybridge.motion.retargeting.rig import (
+    SIDES,
+    Posed,
+    Rig,
+    legs_of,
+    make_rig,
+    named_part,
+    part_of,
+    pose_rig,
+)
 from muybridge.motion.retargeting.soles import Soles, measure_soles
 
 
@@ -86,11 +96,13 @@ def retarget(
     options = options or RetargetOptions()
     if not len(motion):
         raise ValueError("a motion without frames cannot be put onto a character")
-    source = make_rig(motion.skeleton, roles, motion=motion)
+    source = named_part(make_rig(motion.skeleton, roles, motion=motion))
     target = make_rig(character.skeleton, character_roles, character.root_at_rest)
     target = replace(target, tips=_of_feet(target))
+    legs = legs_of(target)
+    low = part_of(target, legs)
     posed = pose_rig(source, motion)
-    soles = measure_soles(target, character)
+    soles = measure_soles(low, character)
     ground = find_ground(source, posed, motion.fps, options.contacts)
     contact, seconds = ground.contacts.contact, options.planting.blend
     turns = carry(source, posed, target)
@@ -98,13 +110,29 @@ def retarget(
         turns = level_feet(turns, target, contact, motion.fps, seconds)
     scale = options.scale or target.leg_length() / source.leg_length()
     places = _root(source, posed, target, turns, soles, ground, scale)
-    moved = local_motion(target, turns, places, motion.fps)
     feet, unreached = 0.0, 0.0
     if options.plant and contact.any():
-        planted = plant(moved, target, contact, soles, options.planting)
-        moved = bend_toes(planted.motion, target, contact, seconds)
+        moved = local_motion(low, turns[:, legs], places, motion.fps)
+        planted = plant(moved, low, contact, soles, options.planting)
+        moved = fit_soles(bend_toes(planted.motion, low, contact, seconds), low, contact, soles, seconds)
         feet, unreached = planted.moved_feet_m, planted.unreached_m
-    return Retargeted(_whole(character, target, moved), ground.contacts, soles, scale, feet, unreached)
+        places = moved.root_positions_world
+        turns = _with_legs(target, turns, legs, moved.forward()[..., :3, :3])
+    return Retargeted(
+        _whole(character, target, turns, places, motion.fps), ground.contacts, soles, scale, feet, unreached
+    )
+
+
+def _with_legs(rig: Rig, turns: FloatArray, legs: list[int], moved: FloatArray) -> FloatArray:
+    """(T, K, 3, 3) orientations with those of the legs (T, L, 3, 3) in place, and what they carry."""
+    out = turns.copy()
+    out[:, legs] = moved
+    changed = set(legs)
+    for j, parent in enumerate(rig.parents):
+        if j not in changed and parent in changed:
+            out[:, j] = out[:, parent] @ np.swapaxes(turns[:, parent], -1, -2) @ turns[:, j]
+            changed.add(j)
+    return out
 
 
 def _of_feet(rig: Rig) -> FloatArray:
@@ -141,29 +169,31 @@ def _from_mover(rig: Rig, turns: FloatArray, joints: list[int]) -> FloatArray:
     return out
 
 
-def _whole(character: Character, rig: Rig, moved: Motion) -> Motion:
+def _whole(character: Character, rig: Rig, turns: FloatArray, places: FloatArray, fps: float) -> Motion:
     """The motion of the character's whole skeleton: joints beside the rig stay at rest."""
-    skeleton = character.skeleton
-    world = moved.forward()
-    turns = world[..., :3, :3] @ rig.unposed  # back from the rig's axes
-    mover = rig.joints[0]
-    slides = {*skeleton.roots[1:], *(rig.joints[j] for j in rig.detached)} | ({mover} if mover else set())
-    sliding = tuple(sorted(slides))
-    skeleton = replace(skeleton, sliding=sliding)
-    frames, index = len(moved), {j: k for k, j in enumerate(rig.joints)}
-    local = np.tile(np.eye(3), (frames, len(skeleton), 1, 1))
-    here = np.tile(np.eye(3), (frames, len(skeleton), 1, 1))
-    at = np.tile(skeleton.rest_positions + character.root_at_rest, (frames, 1, 1))
+    skeleton, mover = character.skeleton, rig.joints[0]
+    detached = {rig.joints[j]: j for j in rig.detached}
+    sliding = tuple(sorted({*skeleton.roots[1:], *detached} | ({mover} if mover else set())))
+    rest, frames = skeleton.rest_positions + character.root_at_rest, len(turns)
+    turns = turns @ rig.unposed  # back from the rig's axes
+    index = {j: k for k, j in enumerate(rig.joints)}
+    above = [index.get(skeleton.parents[j], -1) for j in rig.joints]
+    local = turns.copy()
+    for k, parent in enumerate(above):
+        if parent >= 0 and k:
+            local[:, k] = np.swapaxes(turns[:, parent], -1, -2) @ turns[:, k]
+    quat = np.tile([1.0, 0.0, 0.0, 0.0], (frames, len(skeleton), 1))
+    quat[:, list(rig.joints)] = quat_from_rotation(local)
     shifts = np.zeros((frames, len(sliding), 3))
-    for j, parent in enumerate(skeleton.parents):
-        above = here[:, parent] if parent >= 0 else np.eye(3)
-        place_above = at[:, parent] if parent >= 0 else np.zeros(3)
-        if j in index:
-            here[:, j], at[:, j] = turns[:, index[j]], world[:, index[j], :3, 3]
-            local[:, j] = np.swapaxes(above, -1, -2) @ here[:, j]
-        elif parent >= 0:
-            here[:, j], at[:, j] = above, place_above + above @ skeleton.offsets[j]
-        if j in slides:
-            shifts[:, sliding.index(j)] = (np.swapaxes(above, -1, -2) @ (at[:, j] - place_above)[..., None])[..., 0]
-    quat = continuous_quat(quat_from_matrix(local))
-    return Motion(skeleton, moved.fps, at[:, 0], quat, shifts if sliding else None)
+    for k, j in enumerate(sliding):
+        parent = skeleton.parents[j]
+        at = rest[j] + np.zeros((frames, 3))
+        if j == mover or j in detached:
+            at = places + _from_mover(rig, turns @ np.swapaxes(rig.unposed, -1, -2), [index[j]])
+        if parent >= 0 and parent in index:
+            gap = at - places - _from_mover(rig, turns @ np.swapaxes(rig.unposed, -1, -2), [index[parent]])
+            shifts[:, k] = (np.swapaxes(turns[:, index[parent]], -1, -2) @ gap[..., None])[..., 0]
+        else:
+            shifts[:, k] = at - (rest[parent] if parent >= 0 else 0.0)
+    root = places if mover == 0 else np.tile(rest[0], (frames, 1))
+    return Motion(replace(skeleton, sliding=sliding), fps, root, continuous_quat(quat), shifts if sliding else None)

@@ -1,0 +1,118 @@
+"""The command `edit`: steps of editing on a motion or points, from one file to another."""
+
+import textwrap
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from muybridge.errors import MuybridgeError
+from muybridge.infer.commands.convert import Units, Up
+from muybridge.infer.pipelines.convert import read_files, written_files
+from muybridge.infer.results.ownership import check_replaceable
+from muybridge.infer.runtime.progress import Progress
+from muybridge.motion.editing.channels import duration, frame_count
+from muybridge.motion.editing.steps import STEPS, edit_take, parse_steps
+from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
+from muybridge.motion.take import Take
+
+COMMON_OPTIONS = {"edit": ("dry_run", "overwrite", "clip", "fps", "units")}
+
+
+def edit(
+    words: Annotated[tyro.conf.Positional[tuple[str, ...]], tyro.conf.arg(metavar="IN STEPS... OUT")],
+    /,
+    dry_run: bool = False,
+    units: Units | None = None,
+    up: Up | None = None,
+    fps: float | None = None,
+    asf: Path | None = None,
+    clip: str | None = None,
+    to_units: Literal["m", "cm"] = "m",
+    overwrite: bool = False,
+) -> int:
+    """Edit motion or points: trim, loop, mirror, smooth and more, in one go.
+
+    The first word is the file to read, the last one the file to write, in any formats; between them stand the steps,
+    each with its arguments, and are done in this order. Options stand before or behind all of them.
+
+    Arguments in brackets may be left out; `name=value` says which one a value is for. Times are in seconds, or in
+    frames (`12f`); lengths in metres (`5cm`, `2mm`), those of `reduce` in millimetres; angles in degrees. The steps:
+
+    {steps}
+
+    Examples:
+        muybridge edit walk.bvh trim 0.5 3.2 in-place loop walk.glb
+        muybridge edit walk.bvh mirror turn 90 walk-left.fbx --dry-run
+
+    Args:
+        words: file to read, steps with their arguments, file to write.
+        dry_run: say what each step would do, and write nothing.
+        units: unit of lengths in IN, where the file does not say or says it wrongly; cmu is 0.0254 / 0.45 m.
+        up: the axis that is up in IN, where the file does not say (points only). An option that IN's format cannot use
+            is refused.
+        fps: frames per second of IN, where the file does not say or says it wrongly (the step `resample` changes them).
+        asf: skeleton of an .amc file (default: the .asf beside it with the same name).
+        clip: name or number (from 0) of the animation, of a file that holds several (default: the first).
+        to_units: unit of lengths in a BVH file that is written; every other format has its own.
+        overwrite: replace OUT if it exists, and the .asf that goes with an .amc.
+    """
+    source, steps, target = _split(words)
+    calls = parse_steps(steps)
+    check_writable(target)
+    if not dry_run:
+        check_replaceable(written_files(target), overwrite, read_files(source, asf))
+    elif source.resolve() == target.resolve():
+        raise MuybridgeError(f"{target} is the file to be read", remedy="other_name")
+    take = read_file(source, ReadOptions(units, up, fps, asf, clip))
+    progress = Progress()
+    for notice in take.notices:
+        progress.notice(notice)
+    take, notes = edit_take(take, calls)
+    print("\n".join(notes))
+    if not dry_run:
+        write_file(target, take, to_units)
+    print(f"{target}: {'would have' if dry_run else 'has'} {_contents(take)}")
+    return 0
+
+
+def _split(words: tuple[str, ...]) -> tuple[Path, tuple[str, ...], Path]:
+    """The file to read, the steps, and the file to write.
+
+    Raises:
+        MuybridgeError: one is missing.
+    """
+    usage = "write IN STEPS... OUT, such as `walk.bvh trim 0.5 3.2 loop walk.glb`"
+    if not words:
+        raise MuybridgeError(f"there is no file to edit: {usage}")
+    if words[0] in STEPS and not Path(words[0]).exists():
+        raise MuybridgeError(f"the step {words[0]!r} stands where the file to read belongs: {usage}")
+    if len(words) > 1 and (words[-1] in STEPS or not Path(words[-1]).suffix.strip(".0123456789")):
+        raise MuybridgeError(f"{words[-1]!r} stands where the file to write belongs, which has a suffix: {usage}")
+    if len(words) < 3:
+        raise MuybridgeError(f"there is no step: {usage}; the steps are {', '.join(STEPS)}")
+    return Path(words[0]), words[1:-1], Path(words[-1])
+
+
+def _contents(take: Take) -> str:
+    points = take.positions
+    thing = points if take.motion is None else take.motion
+    count = f"{len(points.landmarks)} {'joints' if take.motion is not None else 'points'}"
+    return f"{frame_count(thing)} frames at {thing.fps:.6g} fps ({duration(thing):.3f} s), {count}"
+
+
+def _steps_text() -> str:
+    """The steps with their arguments, as a paragraph of the command's description."""
+    lines = []
+    for step in STEPS.values():
+        lines.append(f"    {step.usage}")
+        lines += textwrap.wrap(step.text, 72, initial_indent=" " * 8, subsequent_indent=" " * 8)
+        for p in step.parameters:
+            more = f"; one of {', '.join(p.choices)}" if len(p.choices) > 3 else ""
+            lines += textwrap.wrap(f"{p.name}: {p.text}{more}", 72, initial_indent=" " * 10,
+                                   subsequent_indent=" " * 12)  # fmt: skip
+    return "\n".join(lines)
+
+
+# The table of steps is the one place where they are described.
+edit.__doc__ = (edit.__doc__ or "").replace("    {steps}", textwrap.indent(_steps_text(), "    "))

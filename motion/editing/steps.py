@@ -1,0 +1,323 @@
+"""All edits by name: the table from which the command line, its help and its page of documentation are made.
+
+A step is a function from a motion (or points) to another, and one row of `STEPS`. Steps are written one behind the
+other, each with its arguments: `trim 0.5 3.2 in-place loop`.
+"""
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from muybridge.errors import MuybridgeError
+from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.profiles import PROFILES
+from muybridge.geometry.smoothing.filters import METHODS
+from muybridge.motion.contacts.footskate import contact_spans
+from muybridge.motion.contacts.planting import plant_feet
+from muybridge.motion.editing import cutting, filtering, looping, naming, placing, reducing, resampling, root_path
+from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, resolved
+from muybridge.motion.editing.channels import check_editable, duration, frame_count
+from muybridge.motion.editing.mirroring import mirror, rest_images
+from muybridge.motion.editing.pairing import find_sides, pair_names
+from muybridge.motion.take import Take
+
+# From a take and the step's values to the edited take and a sentence on what was done.
+Apply = Callable[..., tuple[Take, str]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One kind of edit.
+
+    Attributes:
+        name: as users write it.
+        text: what it does, in one line.
+        apply: what does it.
+        parameters: of the step, in the order in which they are written.
+        points: whether points can be edited so too, not only a motion.
+    """
+
+    name: str
+    text: str
+    apply: Apply
+    parameters: tuple[Parameter, ...] = ()
+    points: bool = False
+
+    @property
+    def usage(self) -> str:
+        """The step with its arguments, as help shows them."""
+        return " ".join([self.name, *(p.label for p in self.parameters)])
+
+
+@dataclass(frozen=True)
+class Call:
+    """A step with its arguments.
+
+    Attributes:
+        step: which.
+        values: of its parameters, by name.
+        words: as the user wrote them.
+    """
+
+    step: Step
+    values: dict[str, Value | Frames]
+    words: tuple[str, ...]
+
+
+def _edited(take: Take, function: Callable[..., Any], *args: Any, **values: Any) -> Take:
+    """The take with its motion or points edited. What else a C3D holds is of the unedited take: it is left out."""
+    if take.motion is not None:
+        return replace(take, motion=function(take.motion, *args, **values), keys=None)
+    return replace(take, points=function(take.points, *args, **values), c3d=None)
+
+
+def _of(take: Take) -> Motion | Points3D:
+    thing = take.motion if take.motion is not None else take.points
+    assert thing is not None  # a take has the one or the other
+    return thing
+
+
+def _motion(take: Take) -> Motion:
+    assert take.motion is not None  # checked before a step is applied
+    return take.motion
+
+
+def _trim(take: Take, start: float, end: float | None) -> tuple[Take, str]:
+    thing = _of(take)
+    a, b = cutting.trim_frames(thing, start, end)
+    out = replace(_edited(take, cutting.trim, start, end), start=take.start + a / thing.fps)
+    return out, f"frames {a + 1} to {b} of {frame_count(thing)} are kept, {(b - a) / thing.fps:.3f} s"
+
+
+def _resample(take: Take, fps: float) -> tuple[Take, str]:
+    thing = _of(take)
+    out = _edited(take, resampling.resample, fps)
+    return out, f"{thing.fps:g} to {fps:g} frames/s, {frame_count(thing)} to {frame_count(_of(out))} frames"
+
+
+def _mirror(take: Take, plane: str) -> tuple[Take, str]:
+    if take.motion is None:
+        assert take.points is not None
+        names = take.points.landmarks.names
+        pairs = pair_names(names)
+        first = f", such as {names[next(iter(pairs))]} with {names[next(iter(pairs.values()))]}" if pairs else ""
+        note = f"{len(pairs)} pairs of points exchanged{first}; {len(names) - 2 * len(pairs)} have no counterpart"
+        return _edited(take, mirror, plane), note
+    skeleton = take.motion.skeleton
+    sides = find_sides(skeleton)
+    pairs = {j: p for j, p in enumerate(sides.partner) if p > j}
+    first = next(iter(pairs.items()))
+    how = ", ".join(f"{count} by {source}" for source, count in sides.how.items() if count)
+    note = (f"{len(pairs)} pairs of joints exchanged ({how}), such as {skeleton.names[first[0]]} with "
+            f"{skeleton.names[first[1]]}; {len(skeleton) - 2 * len(pairs)} in the middle")  # fmt: skip
+    if sides.alone:
+        note += f", of which without a counterpart {', '.join(skeleton.names[j] for j in sides.alone[:5])}"
+    angle = np.degrees(rest_images(skeleton, sides).largest_angle)
+    if angle > 1:
+        note += f"; the sides of the rest pose differ by up to {angle:.0f} degrees, which is allowed for"
+    return _edited(take, mirror, plane), note
+
+
+def _loop(take: Take, shortest: float | None, longest: float | None, travel: looping.Travel) -> tuple[Take, str]:
+    motion = _motion(take)
+    cut = looping.find_loop(motion, shortest, longest)
+    part = motion.select(slice(cut.start, cut.end + 1))
+    way = looping.kept_way(part, travel)
+    out = replace(take, motion=looping.close_loop(part, travel), start=take.start + cut.start / motion.fps, keys=None)
+    note = (f"frames {cut.start + 1} to {cut.end + 1} of {len(motion)}, {(cut.end - cut.start) / motion.fps:.3f} s; "
+            f"closed a gap of {cut.pose_gap * 1e3:.0f} mm and {cut.speed_gap * 1e2:.0f} cm/s per joint")  # fmt: skip
+    goes, turns = float(np.linalg.norm(way.places[-1] - way.places[0])), float(np.degrees(way.yaw[-1] - way.yaw[0]))
+    kept = [*([f"{goes:.2f} m"] if goes > 1e-6 else []), *([f"a turn of {turns:.0f} degrees"] if turns else [])]
+    return out, note + (f"; each round goes on by {' and '.join(kept)}" if kept else "; it returns to its place")
+
+
+def _in_place(take: Take, smoothing: float, turning: str) -> tuple[Take, str]:
+    path = root_path.ground_path(_motion(take), smoothing)
+    return _edited(take, root_path.in_place, smoothing, turning == "remove"), f"{_of_path(path)} taken out"
+
+
+def _root_motion(take: Take, name: str | None, smoothing: float, turning: str) -> tuple[Take, str]:
+    before = _motion(take)
+    path = root_path.ground_path(before, smoothing, turning == "follow")
+    out = _edited(take, root_path.extract_root_motion, name, smoothing, turning == "follow")
+    bone = _motion(out).skeleton.names[0]
+    made = "the new bone" if len(_motion(out).skeleton) > len(before.skeleton) else "the bone"
+    return out, f"{_of_path(path)} given to {made} {bone}"
+
+
+def _of_path(path: root_path.GroundPath) -> str:
+    length = float(np.linalg.norm(np.diff(path.places, axis=0), axis=1).sum())
+    turned = round(float(np.degrees(path.yaw[-1] - path.yaw[0])))
+    return f"a path of {length:.2f} m with a turn of {turned} degrees is"
+
+
+def _turn(take: Take, angle: float, about: placing.About) -> tuple[Take, str]:
+    where = "where the take starts" if about == "start" else "the origin"
+    return _edited(take, placing.turn, angle, about), f"by {np.degrees(angle):g} degrees about {where}"
+
+
+def _move(take: Take, x: float, y: float, z: float, start: str) -> tuple[Take, str]:
+    first = "the start put over the origin, then " if start == "origin" else ""
+    return _edited(take, placing.move, x, y, z, start), f"{first}by {x:g}, {y:g}, {z:g} m"
+
+
+def _floor(take: Take, height: float) -> tuple[Take, str]:
+    lift = height - placing.lowest_height(_of(take))
+    return _edited(take, placing.put_on_floor, height), f"moved {'up' if lift >= 0 else 'down'} by {abs(lift):.3f} m"
+
+
+def _plant(take: Take) -> tuple[Take, str]:
+    motion = _motion(take)
+    try:
+        planted = plant_feet(motion)
+    except ValueError as error:  # legs that are not known
+        raise MuybridgeError(str(error)) from error
+    count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
+    note = (f"{count} contacts of heels and balls stand still; ankles are moved by at most "
+            f"{planted.moved_feet_m * 1e3:.0f} mm, the root by {planted.moved_root_m * 1e3:.0f} mm")  # fmt: skip
+    if planted.stretched > 1e-3:
+        note += f"; legs are stretched by up to {planted.stretched:.1%}"
+    return replace(take, motion=planted.motion, keys=None), note
+
+
+def _smooth(take: Take, cutoff: float | None, method: str) -> tuple[Take, str]:
+    if method == "butterworth" and cutoff is None:
+        cutoff = filtering.cutoff_of(_of(take))
+        return _edited(take, filtering.smooth, cutoff, method), f"butterworth, {cutoff:.1f} Hz by residual analysis"
+    return _edited(take, filtering.smooth, cutoff, method), method + (f", {cutoff:g} Hz" if cutoff else "")
+
+
+def _reduce(take: Take, tolerance: float, angle: float) -> tuple[Take, str]:
+    motion = _motion(take)
+    reduced = reducing.reduce_keys(motion, tolerance, angle)
+    every = reduced.keys.rotations.size + reduced.keys.positions.size
+    note = f"{every} keys to {reduced.keys.count}; no joint is moved by more than {reduced.error * 1e3:.2f} mm"
+    return replace(take, motion=reduced.motion, keys=reduced.keys), note
+
+
+def _rename(take: Take, profile: str) -> tuple[Take, str]:
+    motion = _motion(take)
+    new = naming.new_names(motion, profile)
+    kept = [name for name in motion.skeleton.names if name not in new]
+    note = f"{len(new)} joints have the names of {profile}"
+    note += f"; without a name there, and kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
+    return _edited(take, naming.rename_joints, profile), note
+
+
+def _scale(take: Take, factor: float) -> tuple[Take, str]:
+    return _edited(take, placing.scale, factor), f"by {factor:g}"
+
+
+_SMOOTHING = Parameter("smoothing", "time", "what is faster, such as swaying, is no path (0.3 s)", 0.3)
+STEPS: dict[str, Step] = {step.name: step for step in (
+    Step("trim", "keep the frames from START up to END, in seconds", _trim, (
+        Parameter("start", "time", "first time that is kept", required=True),
+        Parameter("end", "time", "first time that is left out (the end of the clip)")), points=True),
+    Step("resample", "change the frames per second; the movement stays", _resample, (
+        Parameter("fps", "frame rate", "frames per second", required=True),), points=True),
+    Step("mirror", "exchange left and right", _mirror, (
+        Parameter("plane", "name", "along the heading at the start, or the world's plane x = 0 or y = 0 (start)",
+                  "start", choices=("start", "x", "y")),), points=True),
+    Step("loop", "cut where the clip repeats best and close the gap", _loop, (
+        Parameter("shortest", "time", "shortest loop (half of the clip)"),
+        Parameter("longest", "time", "longest loop (the whole clip)"),
+        Parameter("travel", "name", "what becomes of the way that one round goes (auto: kept if it is one)", "auto",
+                  choices=("auto", "keep", "close")))),
+    Step("in-place", "take the way over the ground out, as on a treadmill", _in_place, (
+        _SMOOTHING, Parameter("turning", "name", "what becomes of turning (keep)", "keep",
+                              choices=("keep", "remove")))),
+    Step("root-motion", "give the way over the ground to a root bone", _root_motion, (
+        _SMOOTHING, Parameter("turning", "name", "whether the bone turns with the body (follow)", "follow",
+                              choices=("follow", "ignore")),
+        Parameter("name", "name", "of the bone, where there is none above the hips yet (root)"))),
+    Step("turn", "turn about the vertical, in degrees, counter-clockwise from above", _turn, (
+        Parameter("angle", "angle", "degrees; 90 is a quarter of a turn to the left", required=True),
+        Parameter("about", "name", "where the body starts, or the origin (start)", "start",
+                  choices=("start", "origin"))), points=True),
+    Step("move", "move by metres along the world's axes, z up", _move, (
+        Parameter("x", "length", "metres (0)", 0.0), Parameter("y", "length", "metres (0)", 0.0),
+        Parameter("z", "length", "metres up (0)", 0.0),
+        Parameter("start", "name", "origin: the start is put over the origin first (here)", "here",
+                  choices=("here", "origin"))), points=True),
+    Step("floor", "move up or down until the lowest point is at a height", _floor, (
+        Parameter("height", "length", "metres of the lowest joint, bone end or point (0)", 0.0),), points=True),
+    Step("plant", "hold heels and balls of the feet still while they stand", _plant),
+    Step("smooth", "filter over time, without delay", _smooth, (
+        Parameter("cutoff", "frequency", "Hz, of butterworth (found by residual analysis)"),
+        Parameter("method", "name", "the filter (butterworth)", "butterworth", choices=tuple(METHODS))), points=True),
+    Step("reduce", "leave out keys within a tolerance in mm and degrees", _reduce, (
+        Parameter("tolerance", "small length", "millimetres that a joint may be off (1)", 1e-3),
+        Parameter("angle", "angle", "degrees that a joint may be turned (0.5)", float(np.radians(0.5))))),
+    Step("rename", "give the joints the names of another program", _rename, (
+        Parameter("profile", "name", "whose names", required=True, choices=tuple(PROFILES)),)),
+    Step("scale", "scale bones and paths by a factor", _scale, (
+        Parameter("factor", "factor", "above zero; 120% is 1.2", required=True),), points=True),
+)}  # fmt: skip
+
+
+def parse_steps(words: Sequence[str]) -> tuple[Call, ...]:
+    """Steps from words: a step's name, then its arguments, up to the next name of a step.
+
+    Raises:
+        MuybridgeError: a word is no step, or no argument of the step before it.
+    """
+    groups: list[list[str]] = []
+    for word in words:
+        if word in STEPS:
+            groups.append([word])
+        elif groups:
+            groups[-1].append(word)
+        else:
+            raise MuybridgeError(f"step 1: there is no step {word!r}{_nearest(word)}; the steps are {', '.join(STEPS)}")
+    if not groups:
+        raise MuybridgeError(f"there is no step to do; the steps are {', '.join(STEPS)}")
+    calls = []
+    for k, (name, *rest) in enumerate(groups, start=1):
+        try:
+            calls.append(Call(STEPS[name], bind(STEPS[name].parameters, rest), (name, *rest)))
+        except MuybridgeError as error:
+            # A word that looks like the next step's name explains more than that it is no argument.
+            near = [m for w in rest for m in difflib.get_close_matches(w.lower(), STEPS, n=1, cutoff=0.75)]
+            hint = f"; if a step was meant, it is {near[0]!r}" if near else ""
+            raise error.reworded(f"step {k}, {name}: {error.message}{hint}") from error
+    return tuple(calls)
+
+
+def _nearest(word: str) -> str:
+    near = difflib.get_close_matches(word.lower().replace("_", "-"), STEPS, n=1)
+    return f": did you mean {near[0]!r}?" if near else ""
+
+
+def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:
+    """Apply steps one after the other.
+
+    Args:
+        take: a motion or points.
+        calls: the steps, of `parse_steps`.
+
+    Returns:
+        The edited take, and what each step did, a sentence each.
+
+    Raises:
+        MuybridgeError: a step cannot be done with the take; the message names the step.
+    """
+    check_editable(_of(take))
+    notes = []
+    for k, call in enumerate(calls, start=1):
+        label = f"step {k}, {' '.join(call.words)}"
+        if take.motion is None and not call.step.points:
+            raise MuybridgeError(f"{label}: needs a motion, not points", remedy="fit_points")
+        before = take.c3d
+        try:
+            take, note = call.step.apply(take, **resolved(call.values, _of(take).fps))
+        except MuybridgeError as error:
+            raise error.about(label) from error
+        thing = _of(take)
+        if before is not None and take.c3d is None and (before.events or before.analog or before.force_platforms):
+            note += "; events, analog channels and force plates of the C3D are left out"
+        notes.append(f"{label}: {note} ({frame_count(thing)} frames, {duration(thing):.3f} s)")
+    return take, notes
