@@ -26,7 +26,7 @@ _COARSE_FPS = 8.0  # of the frames that are solved first
 _PRIOR = 0.02  # of joints towards their own pose: inverse variance, one over radians squared
 _SLOWER = 0.98  # of the largest speed, that the solve aims at
 _MARGIN_M = 0.004  # that capsules are kept apart
-_SOFT_M = 0.002  # of floor and capsules
+_SOFT_M = 0.001  # of floor and capsules
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ BLEND_S = 0.25  # over which a foot comes from where the scaled person has it to
 # Standard deviations of what pulls: metres on a robot with legs of one metre, radians.
 _SIGMA_M = {"hips": 0.03, "knee": 0.05, "heel": 0.03, "ball": 0.03, "elbow": 0.03, "wrist": 0.02, "hand": 0.05}
 _SIGMA_TURN = {"hips": 0.1, "chest": 0.1, "head": 0.3, "foot": 0.15}
-_PLANTED_M, _FLAT = 0.001, 0.01
+_PLANTED_M, _FLAT = 0.0004, 0.01
 _LEAN = 0.5  # share of a bend of the trunk that hips take over where the waist cannot
 
 

@@ -18,9 +18,11 @@ from muybridge.infer.pipelines.retarget import (
     suggest,
     write_placed,
 )
+from muybridge.infer.pipelines.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.retargeting.solver import RetargetOptions
+from muybridge.motion.robots.read import is_robot
 
 COMMON_OPTIONS = {"retarget": ("to", "out", "map", "suggest_map", "clip_name", "overwrite")}
 
@@ -64,6 +66,10 @@ def retarget(
         plant: plant feet, and put soles on the floor.
         overwrite: replace files that are there.
     """
+    if is_robot(to):
+        return run_retarget_robot(
+            RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite)
+        )
     target = read_target(to, map)
     progress = Progress()
     for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):
