@@ -99,7 +99,9 @@ def robot_outputs(out: Path | None, to: Path, takes: Sequence[Path]) -> list[lis
     if len(set(stems)) != len(stems):
         stems = [f"{take.resolve().parent.name}_{take.stem}" for take in takes]
     if len(set(stems)) != len(stems):
-        raise MuybridgeError("two takes have the same name and the same folder's name; put them onto the robot one by one")
+        raise MuybridgeError(
+            "two takes have the same name and the same folder's name; put them onto the robot one by one"
+        )
     if out is not None:
         return [[out.with_name(f"{out.stem}_{stem}{out.suffix}")] for stem in stems]
     return [[Path(f"{to.stem}_{stem}{suffix}") for suffix in ROBOT_OUTPUTS] for stem in stems]
@@ -115,7 +117,9 @@ def describe(file: Path, take: RobotTake) -> str:
     )
 
 
-def _place(file: Path, robot: Robot, chosen: dict[str, str] | None, request: RobotRequest, progress: Progress) -> RobotTake:
+def _place(
+    file: Path, robot: Robot, chosen: dict[str, str] | None, request: RobotRequest, progress: Progress
+) -> RobotTake:
     motion, roles, notices = read_take(file, request.take_clip, request.take_map)
     if request.fps and abs(request.fps - motion.fps) > 1e-6 * request.fps and len(motion) > 1:
         notices.append(f"{file.name}: resampled from {motion.fps:g} to {request.fps:g} frames per second, as asked")

@@ -53,9 +53,7 @@ def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
 
 
 @compiled
-def all_distances(
-    start: FloatArray, stop: FloatArray, radius: FloatArray, pairs: IndexArray, out: FloatArray
-) -> None:
+def all_distances(start: FloatArray, stop: FloatArray, radius: FloatArray, pairs: IndexArray, out: FloatArray) -> None:
     """`out` (T, K): metres between the surfaces of capsules (T, C, 3) that are paired."""
     for t in range(len(start)):
         for k in range(len(pairs)):

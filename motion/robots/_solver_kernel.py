@@ -136,7 +136,8 @@ def _add(work: Work, count: int, first: int, last: int, miss: FloatArray, weight
 @compiled
 def frame_terms(
     tree: Tree, terms: Terms, work: Work, root: FloatArray, turn: FloatArray, free: FloatArray, target: FloatArray,
-    weight: FloatArray, facing: FloatArray, facing_weight: FloatArray, matrix: FloatArray, slope: FloatArray, want: bool,
+    weight: FloatArray, facing: FloatArray, facing_weight: FloatArray, matrix: FloatArray, slope: FloatArray,
+    want: bool,
 ) -> float:  # fmt: skip
     """Half the weighted squares of one frame; where wanted, its matrix (lower triangle) and gradient are added to."""
     pose_tree(tree, root, turn, free, work.turns, work.places, work.axes, work.anchors)

@@ -165,7 +165,9 @@ def _with_pairs(robot: Robot, capsules: Capsules) -> Capsules:
     radius, pairs = capsules.radius.copy(), []
     least = radius * _THINNEST
     count = len(capsules)
-    wanted = [(i, j) for i in range(count) for j in range(i) if not _neighbours(capsules.link[i], capsules.link[j], carried)]
+    wanted = [
+        (i, j) for i in range(count) for j in range(i) if not _neighbours(capsules.link[i], capsules.link[j], carried)
+    ]
     for i, j in wanted:
         gap = segment_distance(a[i], b[i], a[j], b[j])
         for k in sorted((i, j), key=lambda k: -radius[k]):

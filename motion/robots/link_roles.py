@@ -73,7 +73,8 @@ class LinkRoles:
             for kind, parts in _PARTS.items():
                 limb = self.limbs[f"{side}_{kind}"]
                 links = (limb.links[0], limb.middle, limb.end)
-                out |= {f"{side}_{part}": robot.links[k] for part, k in zip(parts, links, strict=True)}
+                named = {f"{side}_{part}": robot.links[k] for part, k in zip(parts, links, strict=True)}
+                out |= named if limb.end != limb.middle else dict(list(named.items())[:2])
         return out
 
 
@@ -83,8 +84,8 @@ def find_link_roles(robot: Robot, map: Mapping[str, str] | None = None) -> LinkR
     Args:
         robot: whose file's own pose stands with Z up.
         map: role -> link: `hips`, `left_thigh` (first link of the leg), `left_shin` (link below the knee), `left_foot`,
-            `left_upper_arm`, `left_forearm`, `left_hand` and the same on the right; `chest` and `head` if wanted. It is
-            complete: nothing else is looked for.
+            `left_upper_arm`, `left_forearm`, `left_hand` (none where the forearm is the arm's last link) and the same
+            on the right; `chest` and `head` if wanted. It is complete: nothing else is looked for.
 
     Raises:
         MuybridgeError: there are no two legs and two arms, or the map does not fit the tree.
@@ -119,7 +120,9 @@ class _Body:
     def index(self, name: str) -> int:
         if name not in self.robot.links:
             some = ", ".join(self.robot.links[:12])
-            raise MuybridgeError(f"{self.robot.path}: there is no link {name!r}; its links are {some}", remedy="role_map")
+            raise MuybridgeError(
+                f"{self.robot.path}: there is no link {name!r}; its links are {some}", remedy="role_map"
+            )
         return self.robot.links.index(name)
 
     def path(self, link: int) -> list[int]:
@@ -224,7 +227,9 @@ def _chains(body: _Body) -> list[tuple[int, ...]]:
         return max([float(np.linalg.norm(body.anchor(link) - start)), *(reach(k, start) for k in below.get(link, []))])
 
     size = _HAND * body.height()
-    hands = {k for k, ends in below.items() if k > 0 and len(ends) > 1 and all(reach(e, body.anchor(k)) < size for e in ends)}
+    hands = {
+        k for k, ends in below.items() if k > 0 and len(ends) > 1 and all(reach(e, body.anchor(k)) < size for e in ends)
+    }
     out = []
     for link in moved:
         if (link in hands or link not in below) and not hands & set(body.path(link)[:-1]):
@@ -272,13 +277,15 @@ def _of_map(body: _Body, map: Mapping[str, str]) -> dict[str, tuple[tuple[int, .
     for side in SIDES:
         for kind, parts in _PARTS.items():
             roles = [f"{side}_{part}" for part in parts]
-            if missing := [role for role in roles if role not in map]:
+            needed = roles if kind == "leg" else roles[:2]
+            if missing := [role for role in needed if role not in map]:
                 raise MuybridgeError(f"{body.robot.path}: the map names no link for {missing[0]}", remedy="role_map")
-            start, middle, end = (body.index(map[role]) for role in roles)
+            start, middle, end = (body.index(map.get(role, map[roles[1]])) for role in roles)
             path = body.path(end)
             if start not in path or middle not in path or path.index(middle) <= path.index(start):
                 raise MuybridgeError(
-                    f"{body.robot.path}: {map[roles[1]]!r} is not between {map[roles[0]]!r} and {map[roles[2]]!r}",
+                    f"{body.robot.path}: {map[roles[1]]!r} is not between {map[roles[0]]!r} and "
+                    f"{body.robot.links[end]!r}",
                     remedy="role_map",
                 )
             chain = tuple(k for k in path[path.index(start) :] if k in moved)
@@ -290,7 +297,7 @@ def _of_map(body: _Body, map: Mapping[str, str]) -> dict[str, tuple[tuple[int, .
 
 
 def _axes(body: _Body, limbs: Mapping[str, Limb]) -> FloatArray:
-    """(3, 3) left, back and up: knees bend backwards, elbows forwards, feet point ahead; X is ahead where none tells."""
+    """(3, 3) left, back and up: knees bend backwards, elbows forwards, feet point ahead; X is ahead where none tell."""
     across = limbs["left_leg"].points[0] - limbs["right_leg"].points[0]
     across = _unit(across * [1, 1, 0])
     ahead = np.cross(across, _UP)

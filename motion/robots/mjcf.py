@@ -1,7 +1,7 @@
 """MJCF, MuJoCo's format of models: the kinematic tree and the simple shapes of one robot.
 
-Source: MuJoCo's XML reference (https://mujoco.readthedocs.io/en/stable/XMLreference.html). Actuators, sensors, contacts,
-assets and everything of dynamics are passed over.
+Source: MuJoCo's XML reference (https://mujoco.readthedocs.io/en/stable/XMLreference.html). Actuators, sensors,
+contacts, assets and everything of dynamics are passed over.
 """
 
 from dataclasses import dataclass, field
@@ -11,7 +11,15 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.motion.robots.mjcf_frames import Compiler, Defaults, axis_from_z, load_included, numbers, unit_vector, vector
+from muybridge.motion.robots.mjcf_frames import (
+    Compiler,
+    Defaults,
+    axis_from_z,
+    load_included,
+    numbers,
+    unit_vector,
+    vector,
+)
 from muybridge.motion.robots.robot import Joint, Mimic, Robot, Shape
 
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
@@ -44,7 +52,9 @@ class _Builder:
         self.centres.append(vector(inertial.get("pos")) if inertial is not None else np.full(3, np.nan))
         self._add_contents(body, link, (np.zeros(3), np.eye(3)), body.get("childclass") or inherited)
 
-    def _add_contents(self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None) -> None:
+    def _add_contents(
+        self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None
+    ) -> None:
         # MuJoCo numbers a body's joints before those of the bodies below it, wherever they stand.
         for child in element:
             if child.tag == "joint":
@@ -52,7 +62,9 @@ class _Builder:
             elif child.tag == "geom":
                 self._add_shape(child, link, frame, inherited)
             elif child.tag in _UNKNOWN:
-                raise ValueError(f"<{child.tag}> is not known here; save the compiled model with MuJoCo, which resolves it")
+                raise ValueError(
+                    f"<{child.tag}> is not known here; save the compiled model with MuJoCo, which resolves it"
+                )
         for child in element:
             if child.tag == "body":
                 self.add_body(child, link, frame, inherited)
@@ -60,11 +72,15 @@ class _Builder:
                 within = self._within(child.attrib, frame)
                 self._add_contents(child, link, within, child.get("childclass") or inherited)
 
-    def _within(self, attributes: dict[str, str], frame: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def _within(
+        self, attributes: dict[str, str], frame: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         place, turn = frame
         return place + turn @ vector(attributes.get("pos")), turn @ self.compiler.turn(attributes)
 
-    def _add_joint(self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None) -> None:
+    def _add_joint(
+        self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None
+    ) -> None:
         given = self.defaults.of(element, inherited)
         kind = given.get("type", "hinge")
         if kind == "free":
@@ -87,10 +103,21 @@ class _Builder:
         axis = frame[1] @ unit_vector(vector(given.get("axis"), (0.0, 0.0, 1.0)))
         anchor = frame[0] + frame[1] @ vector(given.get("pos"))
         self.joints.append(
-            Joint(name, link, "hinge" if angular else "slide", axis, anchor, float(lower), float(upper), rest=float(rest[0]))
+            Joint(
+                name,
+                link,
+                "hinge" if angular else "slide",
+                axis,
+                anchor,
+                float(lower),
+                float(upper),
+                rest=float(rest[0]),
+            )
         )
 
-    def _add_shape(self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None) -> None:
+    def _add_shape(
+        self, element: Element, link: int, frame: tuple[FloatArray, FloatArray], inherited: str | None
+    ) -> None:
         given = self.defaults.of(element, inherited)
         kind = given.get("type", "sphere")
         if kind not in _SIZES or "mesh" in given:

@@ -135,7 +135,9 @@ class Defaults:
             raise ValueError(f"there is no default class {name!r}")
         given = self.classes[name].get(element.tag, {})
         if any(key in element.attrib for key in ("quat", "axisangle", "euler", "xyaxes", "zaxis", "fromto")):
-            given = {k: v for k, v in given.items() if k not in ("quat", "axisangle", "euler", "xyaxes", "zaxis", "fromto")}
+            given = {
+                k: v for k, v in given.items() if k not in ("quat", "axisangle", "euler", "xyaxes", "zaxis", "fromto")
+            }
         return {**given, **element.attrib}
 
 

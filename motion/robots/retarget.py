@@ -14,9 +14,8 @@ from muybridge.motion.retargeting.rig import make_rig, pose_rig
 from muybridge.motion.robots.capsules import Capsules, find_capsules
 from muybridge.motion.robots.link_roles import SIDES, LinkRoles, find_link_roles
 from muybridge.motion.robots.robot import Robot
-from muybridge.motion.robots.soles import RobotSole, find_sole
 from muybridge.motion.robots.solver import RobotPose, SolveOptions, solve_robot
-from muybridge.motion.robots.targets import Targets, make_targets
+from muybridge.motion.robots.targets import RobotSole, Targets, find_sole, make_targets
 
 SLIDING_M_S = 0.01  # over which a foot in contact slides
 PENETRATION_M = 0.01
@@ -132,14 +131,17 @@ def retarget_to_robot(
     targets = make_targets(robot, parts, (left, right), rig, posed, ground, motion.fps)
     soles = ((feet[0].end, left), (feet[1].end, right))
     pose = solve_robot(robot, targets, capsules, soles, motion.fps, options.solve, progress)
-    moved = RobotMotion(robot, motion.fps, pose.root, continuous_quat(quat_from_matrix(pose.turn)), robot.all_joints(pose.free))
+    moved = RobotMotion(
+        robot, motion.fps, pose.root, continuous_quat(quat_from_matrix(pose.turn)), robot.all_joints(pose.free)
+    )
     contact = ground.contacts.contact
     quality = measure(robot, pose, targets, capsules, soles, motion.fps)
     return RobotTake(moved, parts, targets, capsules, contact, quality)
 
 
 def measure(
-    robot: Robot, pose: RobotPose, targets: Targets, capsules: Capsules, soles: tuple[tuple[int, RobotSole], ...], fps: float
+    robot: Robot, pose: RobotPose, targets: Targets, capsules: Capsules, soles: tuple[tuple[int, RobotSole], ...],
+    fps: float,
 ) -> RobotQuality:  # fmt: skip
     """How well a robot's motion does what it should."""
     turns, places = robot.forward(pose.root, pose.turn, robot.all_joints(pose.free))

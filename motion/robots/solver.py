@@ -1,7 +1,7 @@
 """A robot's joints over a whole take at once: damped Gauss-Newton with limits, smoothness, capsules and floor.
 
-Every second, the pose is found first on few frames, each from the robot's own pose and none from the frame before; then
-all frames are solved together, in stretches whose first frames are the last of the stretch before.
+Poses are found on a few frames a second first, all of them from the robot's own pose; then all frames are solved
+together, in stretches whose first two frames are those of the stretch before.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,7 @@ from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.motion.robots._solver_kernel import Terms, assemble, total_cost
 from muybridge.motion.robots.capsules import Capsules
 from muybridge.motion.robots.robot import Robot
-from muybridge.motion.robots.soles import RobotSole
-from muybridge.motion.robots.targets import Targets
+from muybridge.motion.robots.targets import RobotSole, Targets
 
 _STRETCH, _OVERLAP = 900, 60  # frames that are solved together, and that two stretches share
 _COARSE_FPS = 8.0  # of the frames that are solved first
@@ -34,8 +33,8 @@ class SolveOptions:
     """How a robot is solved.
 
     Attributes:
-        smoothing: radians per second squared, standard deviation of the joints' acceleration; a third of it in metres for
-            the root. Smaller is smoother.
+        smoothing: radians per second squared, standard deviation of the joints' acceleration; a third of it in metres
+            for the root. Smaller is smoother.
         iterations: at most, of a stretch.
         tolerance: relative fall of the cost below which a stretch is done.
     """
@@ -81,7 +80,9 @@ class _Stretch:
     upper: FloatArray
 
     def frames(self, chosen: slice) -> "_Stretch":
-        cut = (np.ascontiguousarray(each[chosen]) for each in (self.places, self.weights, self.turns, self.turn_weights))
+        cut = (
+            np.ascontiguousarray(each[chosen]) for each in (self.places, self.weights, self.turns, self.turn_weights)
+        )
         places, weights, turns, turn_weights = cut
         return replace(self, places=places, weights=weights, turns=turns, turn_weights=turn_weights)
 
@@ -142,10 +143,10 @@ def _terms(
     radius = np.concatenate([np.zeros(4 * len(soles)), capsules.radius, capsules.radius])
     keep = ~np.isin(low_link, feet) | (np.arange(len(low)) < 4 * len(soles))
     return Terms(
-        nodes[targets.links], targets.points, nodes[targets.turned], nodes[capsules.link], capsules.start, capsules.stop,
-        capsules.radius, capsules.pairs, nodes[low_link[keep]], np.ascontiguousarray(low[keep]), radius[keep], robot.rest,
-        np.full(len(robot.rest), _PRIOR), *_smoothness(robot, fps, options), _SLOWER * speed / fps, _MARGIN_M, 1 / _SOFT_M**2,
-        1 / _SOFT_M**2, 1e4 * fps**2,
+        nodes[targets.links], targets.points, nodes[targets.turned], nodes[capsules.link], capsules.start,
+        capsules.stop, capsules.radius, capsules.pairs, nodes[low_link[keep]], np.ascontiguousarray(low[keep]),
+        radius[keep], robot.rest, np.full(len(robot.rest), _PRIOR), *_smoothness(robot, fps, options),
+        _SLOWER * speed / fps, _MARGIN_M, 1 / _SOFT_M**2, 1 / _SOFT_M**2, 1e4 * fps**2,
     )  # fmt: skip
 
 
@@ -200,7 +201,9 @@ def _gauss_newton(stretch: _Stretch, pose: RobotPose, options: SolveOptions, fix
         for _ in range(8):
             matrix, right = hold(band, slope, held, damping)
             try:
-                change = solveh_banded(matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False)
+                change = solveh_banded(
+                    matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False
+                )
             except LinAlgError:
                 damping *= 10
                 continue
@@ -242,5 +245,3 @@ def _within_speed(free: FloatArray, fastest: FloatArray) -> FloatArray:
     for t in range(1, len(out)):
         out[t] = np.clip(out[t], out[t - 1] - fastest, out[t - 1] + fastest)
     return out
-
-

@@ -1,4 +1,4 @@
-"""Where a robot's points should be, and how its links should be turned, for it to move as a person does.
+"""Where a robot's points should be, and how its links should be turned, for it to move as a person does; its soles.
 
 Limbs have the person's directions and the robot's lengths; the root's path is scaled by the legs; feet stand where the
 person's do, flat where these are, and turn over their front edge as these roll over their balls.
@@ -14,9 +14,8 @@ from muybridge.motion.contacts.blending import blend
 from muybridge.motion.contacts.footskate import contact_spans
 from muybridge.motion.retargeting.grounding import Ground, level_feet
 from muybridge.motion.retargeting.rig import Posed, Rig
-from muybridge.motion.robots.link_roles import SIDES, LinkRoles
-from muybridge.motion.robots.robot import Robot
-from muybridge.motion.robots.soles import RobotSole
+from muybridge.motion.robots.link_roles import SIDES, Limb, LinkRoles
+from muybridge.motion.robots.robot import Robot, Shape
 
 BLEND_S = 0.25  # over which a foot comes from where the scaled person has it to where it stands
 # Standard deviations of what pulls: metres on a robot with legs of one metre, radians.
@@ -24,6 +23,83 @@ _SIGMA_M = {"hips": 0.03, "knee": 0.05, "heel": 0.03, "ball": 0.03, "elbow": 0.0
 _SIGMA_TURN = {"hips": 0.1, "chest": 0.1, "head": 0.3, "foot": 0.15}
 _PLANTED_M, _FLAT = 0.0004, 0.01
 _LEAN = 0.5  # share of a bend of the trunk that hips take over where the waist cannot
+_LONG, _BEHIND, _WIDE, _HIGH = 0.28, 0.3, 0.1, 0.08  # of a leg: a foot without shapes, what is behind the ankle, ankle
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSole:
+    """The sole of a foot that is level at rest; in the world at rest.
+
+    Attributes:
+        heel: (3,) metres, the middle of its back edge.
+        ball: (3,) metres, the middle of its front edge, over which the foot rolls.
+        corners: (4, 3) metres.
+        ankle_height: metres of the ankle over the sole.
+        estimated: whether the file has no shapes for it.
+    """
+
+    heel: FloatArray
+    ball: FloatArray
+    corners: FloatArray
+    ankle_height: float
+    estimated: bool
+
+
+def find_sole(robot: Robot, limb: Limb, axes: FloatArray) -> RobotSole:
+    """The sole of a leg's foot.
+
+    Args:
+        robot: at rest with level feet.
+        limb: the leg.
+        axes: (3, 3) columns: left, back and up in the world at rest.
+    """
+    turns, places = robot.at_rest()
+    links = [k for k in range(len(robot)) if _carried_by(robot, k, limb.end)]
+    ahead, across = -axes[:, 1], axes[:, 0]
+    shapes = [s for s in robot.shapes if s.link in links]
+    shapes = [s for s in shapes if s.solid] or shapes
+
+    def reach(direction: FloatArray) -> float:
+        return max(_support(s, turns[s.link], places[s.link], direction) for s in shapes)
+
+    ankle = limb.points[2]
+    leg = float(np.linalg.norm(np.diff(limb.points[:3], axis=0), axis=1).sum())
+    if shapes:
+        low, front, back = -reach(-_UP), reach(ahead), -reach(-ahead)
+        left, right = reach(across), -reach(-across)
+    else:
+        ends = np.array([places[k] for k in links])
+        low = (
+            min(float(ends[:, 2].min()), float(ankle[2]) - 0.01 * leg)
+            if len(links) > 1
+            else float(ankle[2]) - _HIGH * leg
+        )
+        back = float(ankle @ ahead) - _BEHIND * _LONG * leg
+        front = max(back + _LONG * leg, float((ends @ ahead).max()))
+        middle = float(places[limb.end] @ across)
+        left, right = middle + _WIDE * leg / 2, middle - _WIDE * leg / 2
+    middle = across * (left + right) / 2 + _UP * low
+
+    def corner(x: float, y: float) -> FloatArray:
+        return np.asarray(ahead * x + across * y + _UP * low)
+
+    corners = np.stack([corner(x, y) for x in (back, front) for y in (left, right)])
+    return RobotSole(middle + ahead * back, middle + ahead * front, corners, float(ankle[2]) - low, not shapes)
+
+
+def _support(shape: Shape, turn: FloatArray, place: FloatArray, direction: FloatArray) -> float:
+    return shape.support(direction @ turn) + float(place @ direction)
+
+
+def _carried_by(robot: Robot, link: int, foot: int) -> bool:
+    """Whether a link is the foot, or fixed to it."""
+    moved = {joint.link for joint in robot.joints}
+    while link != foot:
+        if link in moved or link < 0:
+            return False
+        link = robot.parents[link]
+    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +174,9 @@ class _Builder:
         way = self.posed.places[:, self.rig.roles[stop]] - self.posed.places[:, self.rig.roles[start]]
         return np.asarray(way / np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-9))
 
-    def add(self, name: str, link: int, at_rest: FloatArray, places: FloatArray, planted: BoolArray | None = None) -> None:
+    def add(
+        self, name: str, link: int, at_rest: FloatArray, places: FloatArray, planted: BoolArray | None = None
+    ) -> None:
         """A point of a link, by where it is at rest."""
         own = (at_rest - self.places[link]) @ self.turns[link]
         part = name.split("_")[-1]

@@ -79,7 +79,9 @@ def read_urdf(path: Path) -> Robot:
 def _edge(element: Element, links: dict[str, Element]) -> _Edge:
     name, kind = element.get("name", ""), element.get("type", "")
     if kind not in (*_MOVING, "fixed", "floating"):
-        raise ValueError(f"the joint {name!r} is of the type {kind!r}; {', '.join(_MOVING)}, fixed and floating are known")
+        raise ValueError(
+            f"the joint {name!r} is of the type {kind!r}; {', '.join(_MOVING)}, fixed and floating are known"
+        )
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)

@@ -67,9 +67,7 @@ def retarget(
         overwrite: replace files that are there.
     """
     if is_robot(to):
-        return run_retarget_robot(
-            RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite)
-        )
+        return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
     target = read_target(to, map)
     progress = Progress()
     for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):

@@ -43,7 +43,7 @@ _ARM = """
   </body>
 </body>"""
 _TALL = """<mujoco model="tall">
-<compiler angle="degree" eulerseq="XYZ"/>
+<compiler angle="degree" eulerseq="XYZ" boundmass="0.01" boundinertia="0.001"/>
 <default>
   <joint damping="1"/>
   <default class="strong"><joint armature="0.1"/><geom contype="1"/></default>
@@ -82,13 +82,17 @@ def write_tall(folder: Path) -> Path:
 
 
 def write_small(folder: Path, left: str = "limb1", right: str = "limb2") -> Path:
-    """A robot of 0.6 m as URDF that faces -Y: no waist, hips of another order, a head, fingers that follow, slow joints,
-    no shapes but on the feet, and names that say nothing."""
+    """A robot of 0.6 m as URDF that faces -Y: no waist, hips of another order, a head, fingers that follow, slow
+    joints, no shapes but on the feet, and names that say nothing."""
     links, joints = [_link("base", 2.0)], []
 
     def joint(name: str, parent: str, child: str, place: str, axis: str, limits: str, kind: str = "revolute",
               rpy: str = "0 0 0", more: str = "") -> None:  # fmt: skip
-        limit = f'<limit lower="{limits.split()[0]}" upper="{limits.split()[1]}" effort="9" velocity="9"/>' if limits else ""
+        limit = (
+            f'<limit lower="{limits.split()[0]}" upper="{limits.split()[1]}" effort="9" velocity="9"/>'
+            if limits
+            else ""
+        )
         axis = f'<axis xyz="{axis}"/>' if axis else ""
         joints.append(f'<joint name="{name}" type="{kind}"><origin xyz="{place}" rpy="{rpy}"/><parent link="{parent}"/>'
                       f'<child link="{child}"/>{axis}{limit}{more}</joint>')  # fmt: skip
@@ -124,4 +128,4 @@ def _link(name: str, mass: float, centre: str = "0 0 0", foot: bool = False) -> 
     shape = ('<collision><origin xyz="0 -0.02 -0.03"/><geometry><box size="0.05 0.12 0.02"/></geometry></collision>'
              if foot else "")  # fmt: skip
     return (f'<link name="{name}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
-            f'<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>{shape}</link>')  # fmt: skip
+            '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>' + shape + "</link>")  # fmt: skip
