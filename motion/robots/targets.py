@@ -132,7 +132,8 @@ class Targets:
 
 
 def make_targets(
-    robot: Robot, parts: LinkRoles, soles: tuple[RobotSole, RobotSole], rig: Rig, posed: Posed, ground: Ground, fps: float
+    robot: Robot, parts: LinkRoles, soles: tuple[RobotSole, RobotSole], rig: Rig, posed: Posed, ground: Ground,
+    fps: float,
 ) -> Targets:  # fmt: skip
     """The targets of a take.
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import MuybridgeError
+from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.pipelines.retarget import (
     check_output,
     clip_names,
@@ -18,7 +19,6 @@ from muybridge.infer.pipelines.retarget import (
     suggest,
     write_placed,
 )
-from muybridge.infer.pipelines.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.retargeting.solver import RetargetOptions

@@ -128,8 +128,9 @@ def main() -> None:
             spent = time.process_time() - start
         frames, seconds = frames + len(motion), seconds + spent
         q = take.quality
-        line = (f"| {name} | {len(motion)} | {len(motion) / spent:.0f} | {q.tracking_m * 1e3:.1f} | "
-                f"{q.beyond_limits} | {q.inside_frames} | {q.sliding:.1%} | {q.under_floor_m * 1e3:.1f} | {q.jerk:.0f} |")  # fmt: skip
+        cells = (name, len(motion), f"{len(motion) / spent:.0f}", f"{q.tracking_m * 1e3:.1f}", q.beyond_limits,
+                 q.inside_frames, f"{q.sliding:.1%}", f"{q.under_floor_m * 1e3:.1f}", f"{q.jerk:.0f}")  # fmt: skip
+        line = f"| {' | '.join(map(str, cells))} |"
         if args.mink:
             other = solve_with_mink(robot, take, pose_of(take))
             error, rough = tracking(robot, take, other), jerk(other.free, motion.fps)

@@ -128,4 +128,5 @@ def _link(name: str, mass: float, centre: str = "0 0 0", foot: bool = False) -> 
     shape = ('<collision><origin xyz="0 -0.02 -0.03"/><geometry><box size="0.05 0.12 0.02"/></geometry></collision>'
              if foot else "")  # fmt: skip
     return (f'<link name="{name}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
-            '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>' + shape + "</link>")  # fmt: skip
+            '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+            f"{shape}</link>")  # fmt: skip

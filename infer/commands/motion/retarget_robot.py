@@ -1,4 +1,4 @@
-"""Takes put onto a humanoid robot: what its links mean, and the files of its joints."""
+"""The command `retarget` onto a humanoid robot: what its links mean, and the files of its joints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
