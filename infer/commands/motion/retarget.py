@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import MuybridgeError
+from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.pipelines.retarget import (
     check_output,
     clip_names,
@@ -21,6 +22,7 @@ from muybridge.infer.pipelines.retarget import (
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.retargeting.solver import RetargetOptions
+from muybridge.motion.robots.read import is_robot
 
 COMMON_OPTIONS = {"retarget": ("to", "out", "map", "suggest_map", "clip_name", "overwrite")}
 
@@ -64,6 +66,8 @@ def retarget(
         plant: plant feet, and put soles on the floor.
         overwrite: replace files that are there.
     """
+    if is_robot(to):
+        return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
     target = read_target(to, map)
     progress = Progress()
     for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):
