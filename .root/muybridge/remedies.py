@@ -46,6 +46,7 @@ REMEDIES: dict[str, str] = {
     "rename_labels": "rename them, learn what they mean with muybridge.infer.labelling.learn_set.learn_marker_set and "
     "pass the set as markerset, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "resave_fbx": "open it in Blender 4.5 or newer, Maya or Autodesk's FBX Converter and export it as binary FBX",
+    "role_map": "pass a map of roles; `muybridge.geometry.roles.suggest_role_map` makes one to start from",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
     "shift": "pass the time between them as shift",
     "still_moment": "name the image in which it does as moment",

@@ -14,6 +14,7 @@ from .rotations import matrix_from_quat as matrix_from_quat
 from .rotations import matrix_from_swing_twist as matrix_from_swing_twist
 from .rotations import multiply_quat as multiply_quat
 from .rotations import quat_from_matrix as quat_from_matrix
+from .rotations import quat_from_rotation as quat_from_rotation
 from .rotations import quat_from_rotvec as quat_from_rotvec
 from .rotations import rotvec_from_quat as rotvec_from_quat
 from .rotations import slerp as slerp
@@ -32,6 +33,7 @@ __all__ = [
     "median_known",
     "multiply_quat",
     "quat_from_matrix",
+    "quat_from_rotation",
     "quat_from_rotvec",
     "rotvec_from_quat",
     "row_median",

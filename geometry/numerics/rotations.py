@@ -54,6 +54,25 @@ def quat_from_matrix(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.roll(xyzw, 1, axis=-1).reshape(*matrices.shape[:-2], 4))
 
 
+def quat_from_rotation(matrices: FloatArray) -> FloatArray:
+    """(..., 3, 3) to (..., 4) quaternions wxyz, as `quat_from_matrix` but several times faster.
+
+    Nothing is orthogonalised first: the matrices are rotations to rounding already. Each quaternion comes from its
+    largest component, after S. W. Shepperd, "Quaternion from rotation matrix", 1978.
+    """
+    m = matrices
+    diagonal = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    products = np.empty((*m.shape[:-2], 4, 4))  # of each component of the quaternion with each other, times four
+    products[..., 0, 0] = 1 + diagonal[0] + diagonal[1] + diagonal[2]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[..., i + 1, i + 1] = 1 + diagonal[i] - diagonal[j] - diagonal[k]
+        products[..., 0, i + 1] = products[..., i + 1, 0] = m[..., k, j] - m[..., j, k]
+        products[..., i + 1, j + 1] = products[..., j + 1, i + 1] = m[..., j, i] + m[..., i, j]
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    out = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
+
+
 def matrix_from_quat(quat_wxyz: FloatArray) -> FloatArray:
     """(..., 4) quaternions wxyz, which are normalised, to (..., 3, 3) matrices."""
     q = quat_wxyz / np.linalg.norm(quat_wxyz, axis=-1, keepdims=True)

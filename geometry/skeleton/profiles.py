@@ -6,7 +6,10 @@ format's set of names for the roles. Sides are written once, for the left.
 Sources of the names: CMU BVH: the conversion by B. Hahne (cgspeed, 2008); ASF: the CMU motion capture database; BVH:
 Biovision's own files; Mixamo: its FBX downloads; HumanIK: Autodesk MotionBuilder, "Character definition"; UE5: the
 mannequin of Epic Games; VRM: vrm-specification 1.0, "humanoid"; SMPL-H: J. Romero, D. Tzionas, M. J. Black, "Embodied
-hands", 2017; OpenSim: the bodies of A. Rajagopal and others, 2016, and of gait2392.
+hands", 2017; OpenSim: the bodies of A. Rajagopal and others, 2016, and of gait2392; KayKit and Quaternius: their free
+characters; Poser, DAZ: figures of Smith Micro and of DAZ (Genesis to Genesis 8); Rigify: Blender's metarig; Biped:
+Autodesk 3ds Max; Character Creator: Reallusion; VRoid: Pixiv; Synty: their Unity packs; Xsens: MVN; Kinect: Microsoft's
+SDK 2; MMD: MikuMikuDance; Khronos: CesiumMan and RiggedFigure of its glTF samples.
 
 Sources of the ranges: as in `muybridge.geometry.skeleton.body` (American Academy of Orthopaedic Surgeons, Joint Motion,
 1965; I. A. Kapandji, The Physiology of the Joints), and of the same: forearm, pronation and supination 80; wrist,
@@ -43,8 +46,14 @@ def _table(trunk: Sequence[str], limbs: Sequence[str], fingers: Sequence[str] = 
     return out
 
 
+_MARKS = (("Left", "Right"), ("left", "right"), ("_l", "_r"), ("_L", "_R"), (".l", ".r"), (".L", ".R"), ("左", "右"))
+
+
 def _right_of(name: str) -> str:
-    for left, right in (("Left", "Right"), ("left", "right"), ("_l", "_r"), ("_L", "_R")):
+    for left, right in ((" L ", " R "), ("_L_", "_R_")):
+        if left in name:
+            return name.replace(left, right)
+    for left, right in _MARKS:
         if name.startswith(left) or name.endswith(left):
             return name.replace(left, right, 1) if name.startswith(left) else name[: -len(left)] + right
     return {"l": "r", "L": "R"}[name[0]] + name[1:]
@@ -90,6 +99,56 @@ PROFILES: dict[str, dict[str, str]] = {
                      _hand("left_{}{}", ("thumb", "index", "middle", "ring", "pinky"))),
     "opensim": _table(("pelvis", "", "torso", "", "", ""),
                       ("", "humerus_l", "ulna_l", "hand_l", "femur_l", "tibia_l", "calcn_l", "toes_l")),
+    "kaykit": _table(("hips", "spine", "chest", "", "", "head"),
+                     ("", "upperarm.l", "lowerarm.l", "hand.l", "upperleg.l", "lowerleg.l", "foot.l", "toes.l")),
+    "quaternius": _table(("Hips", "Abdomen", "Torso", "", "Neck", "Head"),
+                         ("Shoulder.L", "UpperArm.L", "LowerArm.L", "Fist.L", "UpperLeg.L", "LowerLeg.L", "Foot.L",
+                          "")),
+    "poser": _table(("hip", "abdomen", "chest", "", "neck", "head"),
+                    ("lCollar", "lShldr", "lForeArm", "lHand", "lThigh", "lShin", "lFoot", "lToe"),
+                    _hand("l{}{}", ("Thumb", "Index", "Mid", "Ring", "Pinky"))),
+    "daz": _table(("hip", "abdomenLower", "chestLower", "chestUpper", "neckLower", "head"),
+                  ("lCollar", "lShldrBend", "lForearmBend", "lHand", "lThighBend", "lShin", "lFoot", "lToe"),
+                  _hand("l{}{}", ("Thumb", "Index", "Mid", "Ring", "Pinky"))),
+    "rigify": _table(("spine", "spine.001", "spine.002", "spine.003", "spine.004", "spine.006"),
+                     ("shoulder.L", "upper_arm.L", "forearm.L", "hand.L", "thigh.L", "shin.L", "foot.L", "toe.L"),
+                     _hand("{}.0{}.L", ("thumb", "f_index", "f_middle", "f_ring", "f_pinky"))),
+    "biped": _table(("Bip01 Pelvis", "Bip01 Spine", "Bip01 Spine1", "Bip01 Spine2", "Bip01 Neck", "Bip01 Head"),
+                    [f"Bip01 L {part}" for part in ("Clavicle", "UpperArm", "Forearm", "Hand", "Thigh", "Calf", "Foot",
+                                                    "Toe0")],
+                    _hand("Bip01 L Finger{}{}", "01234", ("", "1", "2"))),
+    "character_creator": _table(
+        [f"CC_Base_{part}" for part in ("Hip", "Waist", "Spine01", "Spine02", "NeckTwist01", "Head")],
+        [f"CC_Base_L_{part}" for part in ("Clavicle", "Upperarm", "Forearm", "Hand", "Thigh", "Calf", "Foot",
+                                          "ToeBase")],
+        _hand("CC_Base_L_{}{}", ("Thumb", "Index", "Mid", "Ring", "Pinky"))),
+    "vroid": _table(
+        [f"J_Bip_C_{part}" for part in ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")],
+        [f"J_Bip_L_{part}" for part in ("Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot",
+                                        "ToeBase")],
+        _hand("J_Bip_L_{}{}", ("Thumb", "Index", "Middle", "Ring", "Little"))),
+    "synty": _table(("Hips", "Spine_01", "Spine_02", "Spine_03", "Neck", "Head"),
+                    ("Clavicle_L", "Shoulder_L", "Elbow_L", "Hand_L", "UpperLeg_L", "LowerLeg_L", "Ankle_L", "Ball_L")),
+    "xsens": _table(("Pelvis", "L5", "T12", "T8", "Neck", "Head"),
+                    ("LeftShoulder", "LeftUpperArm", "LeftForeArm", "LeftHand", "LeftUpperLeg", "LeftLowerLeg",
+                     "LeftFoot", "LeftToe")),
+    "kinect": _table(("SpineBase", "SpineMid", "SpineShoulder", "", "Neck", "Head"),
+                     ("", "ShoulderLeft", "ElbowLeft", "WristLeft", "HipLeft", "KneeLeft", "AnkleLeft", "FootLeft")),
+    "mmd": _table(("下半身", "上半身", "上半身2", "", "首", "頭"),
+                  ("左肩", "左腕", "左ひじ", "左手首", "左足", "左ひざ", "左足首", "左つま先")),
+    "khronos": {"hips": "torso_joint_1", "spine": "torso_joint_2", "chest": "torso_joint_3", "neck": "neck_joint_1",
+                "head": "neck_joint_2"}
+    | {f"{side.lower()}_{part}": name.format(side[0]) for side in ("Left", "Right")
+       for part, name in (("upper_arm", "arm_joint_{}_1"), ("forearm", "arm_joint_{}_2"), ("hand", "arm_joint_{}_3"),
+                          ("thigh", "leg_joint_{}_1"), ("shin", "leg_joint_{}_2"), ("foot", "leg_joint_{}_3"),
+                          ("toe", "leg_joint_{}_5"))},
+    "cesium_man": {"hips": "Skeleton_torso_joint_1", "spine": "Skeleton_torso_joint_2", "chest": "torso_joint_3",
+                   "neck": "Skeleton_neck_joint_1", "head": "Skeleton_neck_joint_2",
+                   "left_upper_arm": "Skeleton_arm_joint_L__4_", "left_forearm": "Skeleton_arm_joint_L__3_",
+                   "left_hand": "Skeleton_arm_joint_L__2_", "right_upper_arm": "Skeleton_arm_joint_R",
+                   "right_forearm": "Skeleton_arm_joint_R__2_", "right_hand": "Skeleton_arm_joint_R__3_"}
+    | {f"{side.lower()}_{part}": f"leg_joint_{side[0]}_{k}" for side in ("Left", "Right")
+       for part, k in (("thigh", 1), ("shin", 2), ("foot", 3), ("toe", 5))},
 }  # fmt: skip
 
 # Joints besides the roles: the role whose range they share, or "" for those that never move.
@@ -105,6 +164,11 @@ EXTRAS: dict[str, dict[str, str]] = {
     "ue5": {"spine_02": "spine", "spine_04": "chest", "neck_02": "neck"},
     "opensim": {"talus_l": "left_foot", "talus_r": "right_foot", "radius_l": "left_forearm",
                 "radius_r": "right_forearm"},
+    "kaykit": {"root": "", "wrist.l": "left_hand", "wrist.r": "right_hand"},
+    "daz": {"pelvis": "hips", "abdomenUpper": "spine", "neckUpper": "neck"},
+    "character_creator": {"CC_Base_Pelvis": "hips", "CC_Base_NeckTwist02": "neck"},
+    "rigify": {"spine.005": "neck"},
+    "xsens": {"L3": "spine"},
 }  # fmt: skip
 
 
@@ -152,11 +216,15 @@ def _found(names: Sequence[str], wanted: Sequence[str]) -> dict[str, int]:
     return out
 
 
+_SEPARATORS = str.maketrans("", "", " _.-")
+
+
 def _plain(name: str) -> str:
     name = name.rsplit(":", 1)[-1].rsplit("|", 1)[-1]
-    for prefix in ("mixamorig_", "Character1_", "mixamorig"):
+    for prefix in ("mixamorig_", "Character1_", "mixamorig", "DEF-", "ORG-", "ValveBiped.", "Bip001", "Bip01"):
         name = name.removeprefix(prefix)
-    return name.strip().replace(" ", "_").lower()
+    # Exporters turn dots and spaces into underscores, or drop them.
+    return name.translate(_SEPARATORS).lower()
 
 
 def rename(skeleton: Skeleton, to: str, profile: str | None = None) -> Skeleton:

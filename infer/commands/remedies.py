@@ -52,6 +52,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "rename_labels": "rename them, learn what they mean with `muybridge markerset from {path} --out set.txt` and solve "
     "with --markerset set.txt, or name unlabelled points with `muybridge label`",
     "resave_fbx": "open it in Blender 4.5 or newer, Maya or Autodesk's FBX Converter and export it as binary FBX",
+    "role_map": "name its joints in a file with --map; `muybridge retarget --suggest` writes one to start from",
     "session_results": "leave out --out to get the folder `muybridge` inside the session",
     "shift": "give the time between them with --shift",
     "still_moment": "name the image in which it does with --moment",

@@ -31,7 +31,13 @@ COMMON_OPTIONS = {
 _Sessions = Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SESSION ...")]
 
 
-def run(sessions: _Sessions, /, out: Path | None = None, options: RunOptions = RunOptions()) -> int:  # noqa: B008
+def run(
+    sessions: _Sessions,
+    /,
+    out: Path | None = None,
+    to: Annotated[Path | None, tyro.conf.arg(metavar="HERO")] = None,
+    options: RunOptions = RunOptions(),  # noqa: B008 - frozen
+) -> int:
     """Reconstruct 3D motion from session folders: videos and a calibration in, points and motion out.
 
     The results folder gets the 3D landmarks, the motion as BVH and glTF, videos with landmarks and skeleton overlaid,
@@ -43,14 +49,33 @@ def run(sessions: _Sessions, /, out: Path | None = None, options: RunOptions = R
     Args:
         sessions: one or more folders, each with `videos/` (one file per camera) and a calibration.
         out: results folder (default: `muybridge/` inside the session). Several sessions each get a subfolder.
+        to: file of a character (.glb, .vrm, .bvh, .fbx), which the motion is put onto as well: the results folder gets
+            that file with a clip for each person (see `muybridge retarget`).
         options: options of every stage.
     """
+    target = _character(to) if to is not None else None
 
     def work(path: Path, place: Path | None) -> str:
         with Progress() as progress:
-            return summary(run_session(path, place, options, progress))
+            result = run_session(path, place, options, progress)
+            if target is not None:
+                target(result.out, progress)
+            return summary(result)
 
     return run_each(plan(sessions, out), work)
+
+
+def _character(path: Path) -> Callable[[Path, Progress], None]:
+    """What puts the motion of a results folder onto a character, whose file is read now, before any work."""
+    from muybridge.infer.pipelines.retarget import read_run_target, retarget_results
+
+    target = read_run_target(path)
+
+    def work(folder: Path, progress: Progress) -> None:
+        for notice in retarget_results(folder, target):
+            progress.notice(notice)
+
+    return work
 
 
 def run_markers(

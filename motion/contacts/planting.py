@@ -66,6 +66,7 @@ def plant_feet(
     options: PlantOptions | None = None,
     *,
     roles: Mapping[str, int] | None = None,
+    legs: tuple[Leg, Leg] | None = None,
 ) -> Planted:
     """The motion with heels and balls of the feet still while they stand, and never through the floor.
 
@@ -74,12 +75,13 @@ def plant_feet(
         contacts: None finds them.
         options: how they are planted.
         roles: role -> joint; None goes by names.
+        legs: with heels and balls that are known better than from the skeleton; None finds them.
 
     Raises:
         ValueError: legs are not known, or the contacts are of another number of frames.
     """
     options = options or PlantOptions()
-    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz)
+    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz) if legs is None else legs
     contacts = find_contacts(motion, roles=roles) if contacts is None else contacts
     if len(contacts) != len(motion):
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")

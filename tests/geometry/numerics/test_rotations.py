@@ -13,6 +13,7 @@ from muybridge.geometry.numerics.rotations import (
     matrix_from_quat,
     matrix_from_swing_twist,
     quat_from_matrix,
+    quat_from_rotation,
     swing_twist_from_matrix,
 )
 
@@ -64,3 +65,12 @@ def test_kabsch_gives_proper_rotations():
     np.testing.assert_allclose(kabsch(source, target, np.tile(weights, (20, 1))), turn, atol=1e-10)
     mirrored = kabsch(source, source * [-1, 1, 1], np.ones((20, 5)))
     assert np.linalg.det(mirrored) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, np.pi - 1e-9, np.pi, 5.0])
+def test_quaternions_of_exact_rotations_are_those_of_matrices(angle):
+    axes = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, -0.8, 0], [0.48, 0.6, -0.64]])
+    matrices = exp_so3(angle * axes)
+    quat = quat_from_rotation(matrices)
+    np.testing.assert_allclose(matrix_from_quat(quat), matrices, atol=1e-12)
+    assert (np.abs((quat * quat_from_matrix(matrices)).sum(-1)) > 1 - 1e-12).all()

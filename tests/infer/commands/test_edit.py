@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.commands.edit import edit
+from muybridge.infer.commands.motion.edit import edit
 from muybridge.infer.commands.parsing import description
 from muybridge.motion.editing.steps import STEPS
 from muybridge.motion.formats.points.trc import read_trc, write_trc

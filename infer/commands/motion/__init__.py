@@ -1,0 +1,1 @@
+"""Commands on motion: editing it, and putting it onto characters."""

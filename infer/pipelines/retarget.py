@@ -1,0 +1,287 @@
+"""Takes put onto a user's own character: which files are takes, which joints mean what, and what is written."""
+
+import shutil
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.errors import FormatError, MuybridgeError
+from muybridge.files import replacing
+from muybridge.geometry.roles import RoleMap, find_roles, load_role_map, suggest_role_map
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer.results.folder import OutputFolder
+from muybridge.infer.results.people import MOTION_BVH
+from muybridge.infer.session.discover import is_results
+from muybridge.motion.character.character import Character
+from muybridge.motion.character.read import read_character
+from muybridge.motion.character.write import write_character_clip
+from muybridge.motion.editing.resampling import resample
+from muybridge.motion.formats.registry import FORMATS, ReadOptions, can_use, check_writable, read_file, write_file
+from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
+from muybridge.motion.take import Take
+
+CLIPS = (".glb", ".gltf", ".vrm")  # files that take one more clip and keep all else
+_MOTION = tuple(s for s, f in FORMATS.items() if f.write_motion is not None and f.read is not None)
+_MOST_NAMES = 8
+_RESULTS = "muybridge"  # in a session folder
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The character that takes are put onto.
+
+    Attributes:
+        character: as its file has it.
+        roles: of its joints.
+    """
+
+    character: Character
+    roles: RoleMap
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Those of reading it, but for the clip that was read: only the skeleton and the meshes count."""
+        return tuple(n for n in self.character.notices if not n.startswith(f"{self.character.path.name}: the first of"))
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A take on the character.
+
+    Attributes:
+        name: of the clip.
+        result: the motion, contacts and measures.
+        notices: what was assumed, one sentence each.
+    """
+
+    name: str
+    result: Retargeted
+    notices: tuple[str, ...]
+
+
+def find_takes(paths: Sequence[Path]) -> list[Path]:
+    """The files of motion that paths name: files, folders of files, session and results folders.
+
+    A folder of results of several people has a take per person.
+
+    Raises:
+        MuybridgeError: a path is not there, or a folder holds no motion.
+    """
+    out: list[Path] = []
+    for path in paths:
+        if not path.exists():
+            raise MuybridgeError(f"{path}: no such file or folder; name takes, or folders of them")
+        if path.is_file():
+            out.append(path)
+            continue
+        results = next((f for f in (path, path / _RESULTS) if f.is_dir() and is_results(f)), None)
+        if results is not None:
+            found = sorted([*results.glob(MOTION_BVH), *results.glob(f"*/{MOTION_BVH}")])
+        else:
+            found = sorted(f for f in path.iterdir() if f.suffix.lower() in _MOTION and f.is_file())
+        if not found:
+            raise MuybridgeError(f"{path}: holds no motion; valid are files of {', '.join(_MOTION)}")
+        out.extend(found)
+    return out
+
+
+def read_target(path: Path, role_map: Path | None = None) -> Target:
+    """The character of a file, and the roles of its joints.
+
+    Raises:
+        FormatError: the file, or the map, cannot be read.
+    """
+    character = read_character(path)
+    table = {bone: character.skeleton.names[j] for bone, j in character.humanoid.items()}
+    chosen = load_role_map(role_map) if role_map is not None else None
+    try:
+        places = character.motion.joint_positions_world() if len(character.motion) > 1 else None
+        return Target(character, find_roles(character.skeleton, table, chosen, places))
+    except MuybridgeError as error:
+        raise error.about(str(role_map)) from None
+
+
+def describe_roles(target: Target) -> str:
+    """One line on how the roles were found."""
+    found, count = target.roles, len(target.character.skeleton)
+    name = target.character.path.name
+    if not found.roles:
+        return f"{name}: no human body was recognised among its {count} joints"
+    return f"{name}: {len(found.roles)} of {count} joints have a role, by {found.how}"
+
+
+def suggest(target: Target) -> str:
+    """The text of a map of the character's roles."""
+    return suggest_role_map(target.character.skeleton, target.roles)
+
+
+def read_take(path: Path, clip: str | None = None, role_map: Path | None = None) -> tuple[Motion, RoleMap, list[str]]:
+    """The motion of a file, its roles, and notices.
+
+    Raises:
+        FormatError: it cannot be read, or holds points.
+        MuybridgeError: it has no frames, or no human body.
+    """
+    take = read_file(path, ReadOptions(clip=clip if can_use(path, "clip") else None))
+    if take.motion is None:
+        raise FormatError(f"{path}: holds points, which have no skeleton", remedy="fit_points")
+    motion = take.motion
+    if not len(motion):
+        raise FormatError(f"{path}: has no frames; there is nothing to put onto a character")
+    chosen = load_role_map(role_map) if role_map is not None else None
+    try:
+        found = find_roles(motion.skeleton, None, chosen, motion.joint_positions_world())
+    except MuybridgeError as error:
+        raise error.about(str(role_map)) from None
+    found.require(str(path))
+    return motion, found, list(take.notices)
+
+
+def place(
+    path: Path, target: Target, name: str, options: RetargetOptions, fps: float | None = None,
+    clip: str | None = None, take_map: Path | None = None,
+) -> Placed:  # fmt: skip
+    """One take on the character.
+
+    Args:
+        path: file of motion.
+        target: whose `roles` have all core roles.
+        name: of the clip.
+        options: of retargeting.
+        fps: frames per second of the clip; None for those of the character's clips, or of the take where it has none.
+        clip: of the take's file.
+        take_map: roles of the take's joints.
+    """
+    motion, roles, notices = read_take(path, clip, take_map)
+    wanted = fps or (target.character.motion.fps if target.character.clips else motion.fps)
+    if abs(wanted - motion.fps) > 1e-6 * wanted and len(motion) > 1:
+        why = "as asked" if fps else f"which {target.character.path.name} has"
+        notices.append(f"{path.name}: resampled from {motion.fps:g} to {wanted:g} frames per second, {why}")
+        motion = resample(motion, wanted)
+    notices += [f"{path.name}: {note}" for note in roles.notes]
+    result = retarget(motion, roles.roles, target.character, target.roles.roles, options)
+    if not result.contacts.feet.any():
+        notices.append(f"{path.name}: no foot stands in it, so none was planted")
+    return Placed(name, result, tuple(notices))
+
+
+def clip_names(takes: Sequence[Path], wanted: str | None, taken: Iterable[str]) -> list[str]:
+    """A name for each take's clip: of its file, or of its folder where several files have one name.
+
+    Raises:
+        MuybridgeError: the wanted name is taken.
+    """
+    used = set(taken)
+    if wanted is not None and wanted in used:
+        raise MuybridgeError(f"there is a clip {wanted!r} already; its clips are {_some(sorted(used))}",
+                             remedy="other_name")  # fmt: skip
+    stems = [path.stem for path in takes]
+    out = []
+    for path, stem in zip(takes, stems, strict=True):
+        base = wanted or (stem if stems.count(stem) == 1 else f"{path.resolve().parent.name}_{stem}")
+        name, k = base, 2
+        while name in used:
+            name, k = f"{base}_{k}", k + 1
+        used.add(name)
+        out.append(name)
+    return out
+
+
+def output_paths(out: Path | None, to: Path, names: Sequence[str]) -> list[Path]:
+    """The files that are written: one for all clips where the format takes several, else one a take."""
+    suffix = to.suffix.lower()
+    if suffix in CLIPS:
+        return [out or Path(f"{to.stem}_{names[0] if len(names) == 1 else 'takes'}{to.suffix}")]
+    if len(names) == 1:
+        return [out or Path(f"{to.stem}_{names[0]}{to.suffix}")]
+    base = out or Path(f"{to.stem}{to.suffix}")
+    return [base.with_name(f"{base.stem}_{name}{to.suffix}") for name in names]
+
+
+def check_output(paths: Sequence[Path], to: Path) -> None:
+    """Refuse files of another format than the character's, and formats that cannot be written."""
+    for path in paths:
+        if path.suffix.lower() != to.suffix.lower():
+            raise MuybridgeError(f"{path}: takes on {to.name} are written as {to.suffix.lower()}, as the character is",
+                                 remedy="other_name")  # fmt: skip
+        if path.suffix.lower() not in CLIPS:
+            check_writable(path)
+
+
+def write_placed(placed: Sequence[Placed], target: Target, paths: Sequence[Path]) -> list[str]:
+    """Write the clips; what else had to change is returned, one sentence each."""
+    if target.character.path.suffix.lower() in CLIPS:
+        return _write_clips(placed, target.character, paths[0])
+    notices = []
+    for one, path in zip(placed, paths, strict=True):
+        write_file(path, Take(motion=one.result.motion))
+    if target.character.meshes:
+        notices.append(f"{paths[0].name}: holds the skeleton and its motion, without the character's meshes")
+    return notices
+
+
+def read_run_target(path: Path) -> Target:
+    """The character of a file that `muybridge run` puts motion onto.
+
+    Raises:
+        MuybridgeError: it cannot be written into a results folder as one file, or has no human body.
+    """
+    if path.suffix.lower() == ".gltf":
+        raise MuybridgeError(f"{path}: is of several files, which a results folder does not take; save it as .glb")
+    check_output([path], path)
+    target = read_target(path)
+    target.roles.require(str(path))
+    return target
+
+
+def retarget_results(folder: Path, target: Target, options: RetargetOptions | None = None) -> list[str]:
+    """Put the motion of every person in a results folder onto a character, whose file goes there; notices."""
+    takes = find_takes([folder])
+    names = clip_names(takes, None, target.character.clips)
+    placed = [place(take, target, name, options or RetargetOptions())
+              for take, name in zip(takes, names, strict=True)]  # fmt: skip
+    paths = output_paths(Path(target.character.path.name), target.character.path, names)
+    results, notices = OutputFolder(folder), [notice for one in placed for notice in one.notices]
+    groups = [placed] if len(paths) == 1 else [[one] for one in placed]
+    for path, group in zip(paths, groups, strict=True):
+        results.write(path.name, partial(_write_group, group, target, notices))
+    return list(dict.fromkeys(notices))
+
+
+def _write_group(group: Sequence[Placed], target: Target, notices: list[str], path: Path) -> None:
+    notices.extend(write_placed(group, target, [path]))
+
+
+def _write_clips(placed: Sequence[Placed], character: Character, path: Path) -> list[str]:
+    """One file with all clips, made one after the other in a temporary folder."""
+    notices: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        last = character
+        for k, one in enumerate(placed):
+            step = Path(folder) / str(k) / path.name
+            step.parent.mkdir()
+            notices += write_character_clip(last, one.result.motion, step, one.name)
+            if k + 1 < len(placed):
+                last = read_character(step)
+        extra = [f for f in step.parent.iterdir() if f != step]
+        for file in [*extra, step]:
+            with replacing(path.with_name(file.name)) as temporary:
+                shutil.copyfile(file, temporary)
+    return list(dict.fromkeys(notices))
+
+
+def measures(placed: Placed, target: Target) -> str:
+    """One line on a take: frames, contacts, what planting did."""
+    result = placed.result
+    steps = int((np.diff(result.contacts.feet.astype(int), axis=0) > 0).sum() + result.contacts.feet[0].sum())
+    soles = "" if result.soles.measured else "; the file has no mesh of the feet, so soles were assumed"
+    return (f"{placed.name}: {len(result.motion)} frames at {result.motion.fps:g} fps, {steps} steps planted, "
+            f"path scaled by {result.scale:.3g}{soles}")  # fmt: skip
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")

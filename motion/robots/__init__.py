@@ -1,0 +1,5 @@
+"""Humanoid robots: their descriptions read, and motion put onto them within their limits."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,175 @@
+"""URDF: the kinematic tree and the simple shapes of one robot.
+
+Source: the URDF specification (http://wiki.ros.org/urdf/XML). Transmissions, sensors, materials and meshes are passed
+over.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.numerics.rotations import exp_so3
+from muybridge.motion.robots.mjcf_frames import numbers, unit_vector, vector
+from muybridge.motion.robots.robot import Joint, Mimic, Robot, Shape
+
+_MOVING = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A joint of the file: the links that it is between, and the child's frame in the parent's."""
+
+    element: Element
+    parent: str
+    child: str
+    place: FloatArray
+    turn: FloatArray
+
+    @property
+    def name(self) -> str:
+        return self.element.get("name", "")
+
+    @property
+    def kind(self) -> str:
+        return self.element.get("type", "")
+
+
+def read_urdf(path: Path) -> Robot:
+    """The robot of a URDF; its root moves freely.
+
+    Raises:
+        ValueError, OSError, ElementTree.ParseError: the file is no URDF, or its links are no tree.
+    """
+    root = ElementTree.fromstring(path.read_bytes())
+    if root.tag != "robot":
+        raise ValueError(f"the outermost element is <{root.tag}>, not <robot>")
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    edges = [_edge(element, links) for element in root.findall("joint")]
+    floating = [edge for edge in edges if edge.kind == "floating"]
+    order, above = _tree(list(links), edges, {edge.child for edge in floating})
+    index = {name: k for k, name in enumerate(order)}
+    start = next((edge for edge in floating if edge.child == order[0]), None)
+    places, turns = np.zeros((len(order), 3)), np.tile(np.eye(3), (len(order), 1, 1))
+    if start is not None:
+        places[0], turns[0] = start.place, start.turn
+    parents = [-1]
+    for k, name in enumerate(order[1:], start=1):
+        edge = above[name]
+        parents.append(index[edge.parent])
+        places[k], turns[k] = edge.place, edge.turn
+    joints = [_joint(edge, index) for edge in edges if edge.child in index and edge.kind in _MOVING]
+    names = {joint.name for joint in joints}
+    if len(names) != len(joints):
+        raise ValueError("two joints have the same name")
+    for joint in joints:
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            raise ValueError(f"{joint.name!r} follows {joint.mimic.joint!r}, which is no joint")
+    inertial = [links[name].find("inertial") for name in order]
+    return Robot(
+        root.get("name") or path.stem, path, tuple(order), tuple(parents), places, turns, tuple(joints),
+        tuple(shape for name in order for shape in _shapes(links[name], index[name])),
+        np.array([_mass(each) for each in inertial]), np.array([_centre(each) for each in inertial]),
+    )  # fmt: skip
+
+
+def _edge(element: Element, links: dict[str, Element]) -> _Edge:
+    name, kind = element.get("name", ""), element.get("type", "")
+    if kind not in (*_MOVING, "fixed", "floating"):
+        raise ValueError(
+            f"the joint {name!r} is of the type {kind!r}; {', '.join(_MOVING)}, fixed and floating are known"
+        )
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        link = end.get("link", "") if end is not None else ""
+        if link not in links:
+            raise ValueError(f"the joint {name!r} has no {tag} among the links")
+        ends.append(link)
+    place, turn = _origin(element)
+    return _Edge(element, ends[0], ends[1], place, turn)
+
+
+def _origin(element: Element) -> tuple[FloatArray, FloatArray]:
+    origin = element.find("origin")
+    if origin is None:
+        return np.zeros(3), np.eye(3)
+    roll, pitch, yaw = vector(origin.get("rpy"))
+    about = np.eye(3)
+    return vector(origin.get("xyz")), exp_so3(about[2] * yaw) @ exp_so3(about[1] * pitch) @ exp_so3(about[0] * roll)
+
+
+def _tree(links: list[str], edges: list[_Edge], free: set[str]) -> tuple[list[str], dict[str, _Edge]]:
+    """Links of the largest tree, depth first in the file's order, and the joint above each."""
+    above: dict[str, _Edge] = {}
+    below: dict[str, list[str]] = {name: [] for name in links}
+    for edge in edges:
+        if edge.kind == "floating":
+            continue
+        if edge.child in above or edge.child in free:
+            raise ValueError(f"the link {edge.child!r} hangs from two joints")
+        above[edge.child] = edge
+        below[edge.parent].append(edge.child)
+    trees = []
+    for name in links:
+        if name not in above:
+            order, stack = [], [name]
+            while stack:
+                here = stack.pop()
+                order.append(here)
+                stack.extend(reversed(below[here]))
+            trees.append(order)
+    if sum(len(tree) for tree in trees) != len(links):
+        raise ValueError("the links form a circle")
+    return max(trees, key=len), above
+
+
+def _joint(edge: _Edge, index: dict[str, int]) -> Joint:
+    given = edge.element
+    stated = given.find("axis")
+    axis = unit_vector(vector(stated.get("xyz") if stated is not None else None, (1.0, 0.0, 0.0)))
+    limit, mimic = given.find("limit"), given.find("mimic")
+    lower, upper, velocity = -np.inf, np.inf, np.inf
+    if limit is not None:
+        if edge.kind != "continuous":
+            lower, upper = float(numbers(limit.get("lower"), (0.0,))[0]), float(numbers(limit.get("upper"), (0.0,))[0])
+        velocity = float(numbers(limit.get("velocity"), (0.0,))[0]) or np.inf
+    if lower > upper:
+        raise ValueError(f"the joint {edge.name!r} has the limits {lower:g} to {upper:g}")
+    follows = None
+    if mimic is not None:
+        gain = float(numbers(mimic.get("multiplier"), (1.0,))[0])
+        follows = Mimic(mimic.get("joint", ""), gain, float(numbers(mimic.get("offset"), (0.0,))[0]))
+    kind = "hinge" if _MOVING[edge.kind] == "hinge" else "slide"
+    return Joint(edge.name, index[edge.child], kind, axis, np.zeros(3), lower, upper, abs(velocity), 0.0, follows)  # type: ignore[arg-type]
+
+
+def _shapes(link: Element, index: int) -> list[Shape]:
+    out = []
+    for tag in ("collision", "visual"):
+        for element in link.findall(tag):
+            place, turn = _origin(element)
+            for shape in element.findall("geometry/*"):
+                size = np.zeros(3)
+                if shape.tag == "box":
+                    size[:] = vector(shape.get("size")) / 2
+                elif shape.tag == "sphere":
+                    size[0] = numbers(shape.get("radius"))[0]
+                elif shape.tag in ("cylinder", "capsule"):
+                    size[:2] = numbers(shape.get("radius"))[0], numbers(shape.get("length"))[0] / 2
+                else:
+                    continue
+                out.append(Shape(index, shape.tag, size, place, turn, tag == "collision"))  # type: ignore[arg-type]
+    return out
+
+
+def _mass(inertial: Element | None) -> float:
+    mass = inertial.find("mass") if inertial is not None else None
+    return float(numbers(mass.get("value"), (0.0,))[0]) if mass is not None else 0.0
+
+
+def _centre(inertial: Element | None) -> FloatArray:
+    return _origin(inertial)[0] if inertial is not None else np.full(3, np.nan)
