@@ -1,5 +1,6 @@
 """Camera faults: defocus, motion blur, low resolution, colour, tone, noise, compression."""
 
+from collections.abc import Collection
 from fractions import Fraction
 
 import av
@@ -169,9 +170,11 @@ class CameraFaults:
     def _crisp(self, picture: ByteArray) -> ByteArray:
         return _sharpened(picture, float(self.rng.uniform(0.8, 2.5)), float(self.rng.uniform(0.6, 1.3)))
 
-    def compress(self, pixels: Tensor) -> Tensor:
-        """Bayer mosaic, H.264 and JPEG for some of (B, 3, H, W) uint8, in place."""
+    def compress(self, pixels: Tensor, on_film: Collection[int] = ()) -> Tensor:
+        """Bayer mosaic, H.264 and JPEG for some of (B, 3, H, W) uint8, in place; no mosaic for those `on_film`, whose
+        fine detail it would colour."""
         bayer, codec = self.rng.random(len(pixels)) < 0.1, self.rng.random(len(pixels))
+        bayer[list(on_film)] = False
         for i in np.nonzero(bayer | (codec < 0.35))[0]:
             picture = np.ascontiguousarray(pixels[i].numpy().transpose(1, 2, 0))
             picture = through_bayer(picture) if bayer[i] else picture

@@ -134,7 +134,7 @@ class Compositor(BaseCompositor):
         develop(pixels, films, self.faults)
         if opt.faults:
             self.faults.resample(pixels, opt.far, opt.crisp)
-            pixels = self.faults.compress(pixels)
+            pixels = self.faults.compress(pixels, films)
         outside += [(int(i), cuts.mask(i, self.size)) for i in cuts.chosen(BORDER)]
         outside += [(int(i), frames.mask(i, self.size)) for i in frames.near]
         for i, beyond in outside:  # after compression: crops are cut from compressed pictures

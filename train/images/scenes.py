@@ -114,7 +114,7 @@ class SceneCompositor(BaseCompositor):
         develop(pixels[:, :3], films, self.faults)
         for i, (frame, plate, *_) in enumerate(scenes):
             pixels[i, 3] = torch.from_numpy(self._difference(frame, plate, films.get(i)))
-        self.faults.compress(pixels[:, :3])
+        self.faults.compress(pixels[:, :3], films)
         return SceneBatch(pixels, [s[2] for s in scenes], [s[3] for s in scenes])
 
     def _difference(self, frame: ByteArray, plate: ByteArray, film: Film | None) -> ByteArray:

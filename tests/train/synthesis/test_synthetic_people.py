@@ -14,8 +14,8 @@ from muybridge.train.images.compositor import Compositor  # noqa: E402
 from muybridge.train.images.options import WHOLE, AugmentOptions  # noqa: E402
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES  # noqa: E402
 from muybridge.train.synthesis.clothing.sample import bare_outfit  # noqa: E402
-from muybridge.train.synthesis.rendering import renderer as render  # noqa: E402
 from muybridge.train.synthesis.rendering.close_ups import cut_boxes, map_cuts  # noqa: E402
+from muybridge.train.synthesis.rendering.labels import surface_depth  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SIZE  # noqa: E402
 from muybridge.train.synthesis.rendering.takes import choreograph, perform  # noqa: E402
 from muybridge.train.synthesis.rendering.view import View, look_at  # noqa: E402
@@ -64,7 +64,7 @@ def test_surface_depth_is_the_median_around_a_point():
     metres = np.full((16, 16), 5.0)
     metres[4:9, 4:9] = 2.0  # something near, in front of a wall
     px = np.array([[6.0, 6.0], [8.2, 7.0], [9.0, 7.0], [8.0, 8.0], [0.0, 3.0]])
-    inside, front = render._surface_depth(px, metres)
+    inside, front = surface_depth(px, metres)
     # Behind it; a cell from its edge; beside it; at its corner, of which five of nine pixels show the wall.
     np.testing.assert_array_equal(front[:4], [2.0, 2.0, 5.0, 5.0])
     np.testing.assert_array_equal(inside, [True, True, True, True, False])

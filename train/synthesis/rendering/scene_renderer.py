@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from muybridge.arrays import BoolArray, ByteArray, Float32Array, IntArray
+from muybridge.arrays import BoolArray, ByteArray, Float32Array
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.train.synthesis.bodies.body_model import BODY_VERTICES
 from muybridge.train.synthesis.clothing.sample import Outfit
@@ -24,6 +25,9 @@ from muybridge.train.synthesis.rendering.renderer import Lighting, Renderer
 from muybridge.train.synthesis.rendering.thing_buffers import ThingBuffers
 from muybridge.train.synthesis.rendering.view import FAR, NEAR, View
 from muybridge.train.synthesis.things.scene import Scene
+
+# Whom each pixel shows.
+OwnerArray = NDArray[np.int16]
 
 OTHERS = 4  # people besides the subject whose boxes are kept
 # Owners of pixels besides people, who have their numbers.
@@ -150,13 +154,13 @@ class SceneRenderer:
 
     def _draw_colours(
         self, view: View, outfits: list[Outfit], values: dict[str, object], target: object, depth: object
-    ) -> tuple[IntArray, Float32Array]:
+    ) -> tuple[OwnerArray, Float32Array]:
         """Draw everything; return whom each pixel (H, W) shows, and its depth in metres."""
         r = self.renderer
         r.ctx.enable(r.gl.DEPTH_TEST)
         target.use()  # type: ignore[attr-defined]
         target.clear(0, 0, 0, 0, depth=1.0)  # type: ignore[attr-defined]
-        owner = np.full((view.height, view.width), NOBODY, np.int64)
+        owner = np.full((view.height, view.width), NOBODY, np.int16)
         metres = np.full(owner.shape, np.inf, np.float32)
 
         def claim(number: int) -> None:
@@ -175,7 +179,7 @@ class SceneRenderer:
             claim(THING)
         return owner, metres
 
-    def _others(self, view: View, owner: IntArray, subject: int) -> tuple[Float32Array, Float32Array]:
+    def _others(self, view: View, owner: OwnerArray, subject: int) -> tuple[Float32Array, Float32Array]:
         """Boxes (OTHERS, 4) and visible shares (OTHERS,) of the people besides the subject, the most visible first."""
         boxes, shares = np.full((OTHERS, 4), np.nan, np.float32), np.zeros(OTHERS, np.float32)
         found = [_extent(view, s, owner, k) for k, s in enumerate(self._shapes) if k != subject]
@@ -185,7 +189,7 @@ class SceneRenderer:
         return boxes, shares
 
 
-def _extent(view: View, shape: Shape, owner: IntArray, person: int) -> tuple[Float32Array, float] | None:
+def _extent(view: View, shape: Shape, owner: OwnerArray, person: int) -> tuple[Float32Array, float] | None:
     """Box (4,) of a person and the share of the cells that the body covers where the person is seen; None if part of
     the body is behind the camera."""
     px, depth_m = view.project(shape.vertices[:BODY_VERTICES])
@@ -194,13 +198,17 @@ def _extent(view: View, shape: Shape, owner: IntArray, person: int) -> tuple[Flo
     cells = np.round(px[::2] / _CELL).clip(-_BEYOND, _BEYOND).astype(np.intp)
     occupied = np.zeros((2 * _BEYOND + 1,) * 2, bool)
     occupied[cells[:, 1] + _BEYOND, cells[:, 0] + _BEYOND] = True
-    part = owner[::_CELL, ::_CELL]
-    inside = occupied[_BEYOND:, _BEYOND:][: part.shape[0], : part.shape[1]]
-    share = (inside & (part == person)).sum() / occupied.sum()
+    # Cells at the outline are covered by a third or more where nothing hides them.
+    filled = cv2.blur((owner == person).astype(np.float32), (_CELL, _CELL))[::_CELL, ::_CELL]
+    seen = np.minimum(3 * filled, 1.0)
+    inside = occupied[_BEYOND:, _BEYOND:][: seen.shape[0], : seen.shape[1]]
+    share = (inside * seen).sum() / occupied.sum()
     return np.concatenate([px.min(0), px.max(0)]).astype(np.float32), float(share)
 
 
-def _covered(view: View, points_world: Float32Array, metres: Float32Array, owner: IntArray, subject: int) -> BoolArray:
+def _covered(
+    view: View, points_world: Float32Array, metres: Float32Array, owner: OwnerArray, subject: int
+) -> BoolArray:
     """(J,) whether most of the 3 x 3 pixels around `points_world` (J, 3) show somebody else or a thing before them."""
     px, depth_m = clip_near(*view.project(points_world))
     x, y = np.round(px).astype(int).clip(1, np.array(owner.shape[::-1]) - 2).T
@@ -212,7 +220,7 @@ def _covered(view: View, points_world: Float32Array, metres: Float32Array, owner
     return np.asarray(count > 4)
 
 
-def _antialias(rgba: ByteArray, owner: IntArray) -> tuple[ByteArray, ByteArray]:
+def _antialias(rgba: ByteArray, owner: OwnerArray) -> tuple[ByteArray, ByteArray]:
     """Smooth the outlines of everybody and everything; return the share of things (H, W), too."""
     things = np.where(owner == THING, 255, 0).astype(np.uint8)
     planes = np.concatenate([rgba, things[..., None]], 2)

@@ -36,7 +36,7 @@ def hug(body: BodyModel, rng: np.random.Generator) -> Scene:
         places = {}
         for s, sign in (("L", 1.0), ("R", -1.0)):
             across = rng.uniform(0.1, 0.9)
-            way = (sign * 0.3 * across, -1.0, 0.0) if behind else (-sign * across, 1.0, 0.1)
+            way = (sign * (0.3 + across), -1.0, 0.0) if behind else (-sign * across, 1.0, 0.1)
             places[s] = o.spot("spine01" if s == high else "spine04", way)
         m.reach(**places)
     return scene("hug", (a, b), rng)

@@ -21,12 +21,12 @@ void main() {
   else if (pattern == 1) a *= .55 + .6 * fractal(q * 14.) + .3 * fractal(q * 50.); // mottled
   else if (pattern == 2) { // wood: rings of a trunk along x
     float rings = fract(length(q.yz + .04 * fractal(q * vec3(2., 8., 8.))) * 22. + 2. * fractal(q * vec3(3., 20., 20.)));
-    a *= mix(.78, 1.05, smoothstep(0., .35, rings) * smoothstep(1., .7, rings)) * (.9 + .2 * fractal(q * vec3(8., 120., 120.)));
+    a *= mix(.78, 1.05, smoothstep(0., .35, rings) * smoothstep(1., .7, rings)) * (.9 + .2 * fractal(q * vec3(4., 40., 40.)));
   } else if (pattern == 3) { // woven
     vec3 t = sin(q * 320.);
     a *= (.9 + .06 * (t.x * t.y + t.y * t.z + t.z * t.x)) * (.85 + .3 * dust);
   } else if (pattern == 4) { // brushed metal
-    a *= .8 + .35 * fractal(q * vec3(6., 160., 160.));
+    a *= .8 + .35 * fractal(q * vec3(3., 45., 45.));
     n = normalize(n + .12 * (vec3(fractal(q * 60.), fractal(q * 60. + 3.), fractal(q * 60. + 7.)) - .45));
   } else { // fur
     a *= .45 + .5 * white(q * vec3(150., 150., 50.)) + .45 * fractal(q * 10.);
