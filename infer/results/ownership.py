@@ -1,7 +1,7 @@
 """What muybridge may replace, decided before any work starts.
 
 A file belongs to muybridge if the manifest of its results folder has the digest of its content (`OutputFolder.owns`),
-or if its content bears muybridge's mark, as calibrations, clock files, calibration pages and boards do. Any other file
+or if its content bears muybridge's mark, as calibrations, clock files, boards and pages do. Any other file
 is replaced only with `overwrite`, input files never, and the root of a file system takes no results.
 """
 
@@ -13,7 +13,11 @@ from muybridge.errors import OutputError
 from muybridge.files import cannot_write, temporary_path
 
 _MOST_BYTES = 1 << 20
-_MARK = re.compile(rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge', re.M)
+_MARK = re.compile(
+    rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge'
+    rb'|<meta name="generator" content="muybridge view">',
+    re.M,
+)
 
 
 def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> None:

@@ -1,0 +1,95 @@
+"""The command `view`: a page that shows motion and characters."""
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from muybridge.errors import FormatError, MuybridgeError
+from muybridge.files import cannot_write, temporary_path
+from muybridge.infer.commands.convert import Units, Up
+from muybridge.infer.results.ownership import check_replaceable
+from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.viewer import read_scene, render_page
+from muybridge.motion.formats.registry import ReadOptions, can_use
+
+COMMON_OPTIONS = {"view": ("out", "side_by_side", "clip", "no_open", "overwrite")}
+
+
+def view(
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILE...")],
+    /,
+    out: Path | None = None,
+    side_by_side: bool = False,
+    clip: str | None = None,
+    units: Units | None = None,
+    up: Up | None = None,
+    fps: float | None = None,
+    asf: Path | None = None,
+    no_open: bool = False,
+    overwrite: bool = False,
+) -> int:
+    """Show motion, points or characters in a web page.
+
+    The page is one HTML file that needs no network. It shows the mesh of a character, else bones or points, and where
+    the feet stand. Several files are shown in one place, or side by side, at the same time of their clips.
+
+    Examples:
+        muybridge view walk.bvh
+        muybridge view walk.bvh knight.glb --side-by-side --out compare.html
+
+    Args:
+        files: files of points, motion or characters, in any format that `muybridge convert` reads.
+        out: page to write (default: beside the first file, with its name and .html).
+        side_by_side: begin with the files beside each other rather than in one place.
+        clip: name or number (from 0) of the animation, of files that hold several (default: the first).
+        units: unit of lengths, of files that do not say or say it wrongly; cmu is 0.0254 / 0.45 m.
+        up: the axis that is up, of files of points that do not say.
+        fps: frames per second, of files that do not say or say it wrongly.
+        asf: skeleton of an .amc file (default: the .asf beside it with the same name).
+        no_open: do not open the page in a browser; it is opened only where a person is at the terminal.
+        overwrite: replace the page's file if muybridge did not write it.
+    """
+    if not files:
+        raise MuybridgeError("there is no file to show; name at least one, such as walk.bvh")
+    page = files[0].with_suffix(".html") if out is None else out
+    options = {"units": units, "up": up, "fps": fps, "asf": asf, "clip": clip}
+    given = {name: value for name, value in options.items() if value is not None}
+    for name in given:
+        if not any(can_use(path, name) for path in files):
+            raise FormatError(f"{name} is nothing that these files leave open", remedy="option_unused", option=name)
+    progress, scenes = Progress(), []
+    for path in files:
+        used = {name: value for name, value in given.items() if can_use(path, name)}
+        scenes.append(read_scene(path, ReadOptions(**used)))  # type: ignore[arg-type]
+        for notice in scenes[-1].notices:
+            progress.notice(notice)
+    check_replaceable([page], overwrite, [*files, *([asf] if asf is not None else [])])
+    _write(page, render_page(scenes, side_by_side))
+    for path, scene in zip(files, scenes, strict=True):
+        mesh = f", {scene.vertices} vertices" if scene.vertices else ""
+        print(f"{path}: {scene.frames} frames at {scene.fps:.6g} fps{mesh}")
+    print(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
+    if not no_open and _has_screen():
+        webbrowser.open(page.resolve().as_uri())
+    return 0
+
+
+def _write(page: Path, text: str) -> None:
+    """Write the page in one go; OutputError where that is not possible."""
+    part = temporary_path(page)
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(page)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise cannot_write(page, error) from None
+
+
+def _has_screen() -> bool:
+    """Whether a person is at the terminal, in a session with windows."""
+    windows = not sys.platform.startswith("linux") or any(os.environ.get(n) for n in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return windows and sys.stdout.isatty()

@@ -1,0 +1,260 @@
+"use strict";
+// The page: camera, time, switches, curves.
+const $ = (id) => document.getElementById(id);
+const SIDES = [[0.82, 0.86, 0.9, 1], [1, 0.64, 0.23, 1], [0.36, 0.74, 1, 1]];
+const TAKES = [[0.36, 0.74, 1, 1], [1, 0.64, 0.23, 1], [0.5, 0.85, 0.5, 1], [0.9, 0.55, 0.8, 1], [0.95, 0.9, 0.4, 1]];
+const AXES = ["#ff7b72", "#7ee787", "#79b8ff"];
+const css = (c) => `rgb(${c.slice(0, 3).map((v) => Math.round(255 * v))})`;
+
+class Viewer {
+  constructor(data) {
+    this.takes = data.takes.map((packed) => new Take(packed));
+    this.duration = Math.max(...this.takes.map((take) => take.duration));
+    this.fps = Math.max(...this.takes.map((take) => take.fps));
+    this.seconds = 0; this.playing = this.duration > 0; this.speed = 1; this.cost = 0;
+    this.painter = new Painter($("stage"), () => { this.dirty = true; });
+    this.takes.forEach((take) => this.painter.prepare(take));
+    const meshes = this.takes.some((take) => take.meshes.length);
+    $("mesh").parentElement.hidden = !meshes; $("bones").parentElement.hidden = !meshes;
+    const feet = this.takes.some((take) => take.feet);
+    $("contacts").parentElement.hidden = !feet; $("strip").hidden = !feet;
+    $("apart").checked = data.apart; $("apart").parentElement.hidden = this.takes.length < 2;
+    $("scrub").max = Math.round(this.duration * this.fps);
+    this.measure(); this.arrange(); this.reset(); this.label(); this.listen();
+    new ResizeObserver(() => { this.dirty = true; }).observe($("stage"));
+    this.dirty = true; this.last = performance.now();
+    requestAnimationFrame((now) => this.tick(now));
+  }
+  measure() {
+    this.height = 0; this.wide = 0; let travel = 0;
+    for (const take of this.takes) {
+      const boxes = [0, take.frames >> 1, take.frames - 1].map((t) => this.box(take, t)).filter((b) => b);
+      if (!boxes.length) { take.start = [0, 0, 0]; continue; }
+      const first = boxes[0], size = Math.max(...boxes.map((b) => Math.max(...sub(b[1], b[0]))));
+      this.height = Math.max(this.height, size);
+      this.wide = Math.max(this.wide, ...boxes.map((b) => b[1][0] - b[0][0]));
+      for (const b of boxes) travel = Math.max(travel, Math.hypot(...sub(b[0], first[0])));
+    }
+    this.height = this.height || 1;
+    $("follow").checked = travel > this.height;
+  }
+  box(take, t) {
+    let low = null, high = null;
+    for (let j = 0; j < take.count; j++) {
+      const p = take.place(t, j);
+      if (!p) continue;
+      low = low ? low.map((v, i) => Math.min(v, p[i])) : p; high = high ? high.map((v, i) => Math.max(v, p[i])) : p;
+    }
+    return low && [low, high];
+  }
+  arrange() {
+    const apart = $("apart").checked, step = Math.max(1.1 * this.wide, 0.8 * this.height);
+    this.takes.forEach((take, i) => { take.shift = [apart ? (i - (this.takes.length - 1) / 2) * step : 0, 0, 0]; });
+    this.dirty = true;
+  }
+  middle() {
+    const boxes = this.takes.map((take) => this.box(take, take.frame(this.seconds))).filter((b) => b);
+    if (!boxes.length) return this.centre || [0, 0, 0];
+    return [0, 1, 2].map((i) => (Math.min(...boxes.map((b) => b[0][i])) + Math.max(...boxes.map((b) => b[1][i]))) / 2);
+  }
+  reset() {
+    this.centre = this.middle(); this.pan = [0, 0, 0]; this.yaw = -1.1; this.pitch = 0.2;
+    const aspect = $("stage").clientWidth / ($("stage").clientHeight || 1);
+    const across = $("apart").checked ? this.takes.length * 0.8 : 1;
+    this.distance = 1.9 * this.height * Math.max(1, across / Math.max(aspect, 0.3));
+    if ($("apart").checked) this.yaw = -Math.PI / 2;
+    this.dirty = true;
+  }
+  label() {
+    $("legend").replaceChildren(...this.takes.map((take, i) => {
+      const line = document.createElement("div"), dot = document.createElement("i");
+      if (this.takes.length > 1) { dot.style.background = css(TAKES[i % TAKES.length]); line.append(dot); }
+      line.append(take.name); return line;
+    }));
+    this.takes.forEach((take, i) => $("take").append(new Option(take.name, i)));
+    $("take").hidden = this.takes.length < 2;
+    this.listJoints();
+  }
+  listJoints() {
+    const take = this.takes[$("take").value || 0];
+    $("joint").replaceChildren(...take.names.map((name, j) => new Option(name, j)));
+    $("quantity").hidden = !take.quats;
+    if (!take.quats) $("quantity").value = "place";
+  }
+  listen() {
+    const redraw = () => { this.dirty = true; };
+    for (const id of ["mesh", "bones", "contacts", "joint", "quantity"]) $(id).addEventListener("change", redraw);
+    $("apart").addEventListener("change", () => { this.arrange(); this.reset(); });
+    $("follow").addEventListener("change", () => { this.pan = [0, 0, 0]; redraw(); });
+    $("curves").addEventListener("change", () => { $("plot").hidden = !$("curves").checked; redraw(); });
+    $("take").addEventListener("change", () => { this.listJoints(); redraw(); });
+    $("reset").addEventListener("click", () => this.reset());
+    $("play").addEventListener("click", () => this.play(!this.playing));
+    $("back").addEventListener("click", () => this.step(-1)); $("on").addEventListener("click", () => this.step(1));
+    $("speed").addEventListener("change", () => { this.speed = Number($("speed").value); });
+    $("scrub").addEventListener("input", () => { this.play(false); this.go($("scrub").value / this.fps); });
+    document.addEventListener("keydown", (event) => {
+      if (/INPUT|SELECT|BUTTON/.test(event.target.tagName)) return;
+      if (event.key === " ") { this.play(!this.playing); event.preventDefault(); }
+      if (event.key === "ArrowLeft") this.step(-1);
+      if (event.key === "ArrowRight") this.step(1);
+    });
+    const scrub = (event) => {
+      if (!event.buttons) return;
+      const box = $("graph").getBoundingClientRect();
+      this.play(false); this.go(clamp((event.clientX - box.left) / box.width, 0, 1) * this.duration);
+    };
+    $("graph").addEventListener("pointerdown", scrub); $("graph").addEventListener("pointermove", scrub);
+    this.listenCamera($("stage"));
+  }
+  listenCamera(stage) {
+    const fingers = new Map();
+    stage.addEventListener("pointerdown", (e) => { stage.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY]); });
+    for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (e) => fingers.delete(e.pointerId));
+    stage.addEventListener("pointermove", (e) => {
+      const before = fingers.get(e.pointerId);
+      if (!before) return;
+      const now = [e.clientX, e.clientY], dx = now[0] - before[0], dy = now[1] - before[1];
+      if (fingers.size > 1) {
+        const other = [...fingers].find(([id]) => id !== e.pointerId)[1];
+        const was = Math.hypot(before[0] - other[0], before[1] - other[1]), is = Math.hypot(now[0] - other[0], now[1] - other[1]);
+        this.zoom(was / Math.max(is, 1)); this.move(dx / 2, dy / 2);
+      } else if (e.buttons & 6 || e.shiftKey) this.move(dx, dy);
+      else { this.yaw -= 0.008 * dx; this.pitch = clamp(this.pitch + 0.008 * dy, -1.5, 1.5); }
+      fingers.set(e.pointerId, now); this.dirty = true;
+    });
+    stage.addEventListener("wheel", (e) => { this.zoom(Math.exp(0.001 * clamp(e.deltaY, -300, 300))); e.preventDefault(); }, { passive: false });
+    stage.addEventListener("contextmenu", (e) => e.preventDefault());
+    stage.addEventListener("dblclick", () => this.reset());
+  }
+  zoom(factor) { this.distance = clamp(this.distance * factor, 0.1 * this.height, 50 * this.height); this.dirty = true; }
+  move(dx, dy) {
+    const s = this.distance * 0.8 / ($("stage").clientHeight || 1), right = [-Math.sin(this.yaw), Math.cos(this.yaw), 0];
+    this.pan = this.pan.map((v, i) => v - s * dx * right[i] + (i === 2 ? s * dy : 0));
+  }
+  play(on) {
+    if (on && this.seconds >= this.duration) this.seconds = 0;
+    this.playing = on && this.duration > 0; $("play").textContent = this.playing ? "Pause" : "Play"; this.dirty = true;
+  }
+  step(count) { this.play(false); this.go((Math.round(this.seconds * this.fps) + count) / this.fps); }
+  go(seconds) { this.seconds = clamp(seconds, 0, this.duration); this.dirty = true; }
+  tick(now) {
+    const passed = Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    if (this.playing) {
+      let next = this.seconds + this.speed * passed;
+      if (next > this.duration) { if ($("loop").checked) next %= this.duration; else { next = this.duration; this.play(false); } }
+      this.go(next);
+    }
+    if (this.dirty) {
+      this.dirty = false;
+      const start = performance.now();
+      this.draw();
+      const cost = performance.now() - start;
+      this.cost = this.cost ? 0.9 * this.cost + 0.1 * cost : cost;
+      document.documentElement.dataset.state = "ready"; document.documentElement.dataset.ms = this.cost.toFixed(2);
+    }
+    requestAnimationFrame((time) => this.tick(time));
+  }
+  draw() {
+    const stage = $("stage"), ratio = Math.min(2, window.devicePixelRatio || 1);
+    const size = [stage.clientWidth, stage.clientHeight].map((v) => Math.max(1, Math.round(v * ratio)));
+    if (stage.width !== size[0] || stage.height !== size[1]) [stage.width, stage.height] = size;
+    if ($("follow").checked) this.centre = this.middle();
+    const target = this.centre.map((v, i) => v + this.pan[i]), far = Math.cos(this.pitch) * this.distance;
+    const eye = [target[0] + far * Math.cos(this.yaw), target[1] + far * Math.sin(this.yaw), target[2] + this.distance * Math.sin(this.pitch)];
+    const view = product(perspective(0.75, size[0] / size[1], 0.02 * this.distance, 60 * this.distance), lookAt(eye, target));
+    const painter = this.painter, lines = [], points = [];
+    painter.begin(view, eye, size);
+    painter.drawLines(this.grid(target), ratio);
+    this.takes.forEach((take, i) => {
+      const t = take.frame(this.seconds), mesh = take.meshes.length && $("mesh").checked;
+      if (mesh) painter.drawMeshes(take, t);
+      if (!mesh || $("bones").checked) this.figure(take, t, i, lines, points);
+      if (take.feet && $("contacts").checked) for (let k = 0; k < 4; k++) {
+        const p = take.foot(t, k);
+        if (p) points.push([p, SIDES[k < 2 ? 1 : 2].slice(0, 3).concat(0.85), 15]);
+      }
+    });
+    const gl = painter.gl;
+    if ($("mesh").checked && $("bones").checked) gl.clear(gl.DEPTH_BUFFER_BIT);
+    painter.drawLines(lines, 4 * ratio); painter.drawPoints(points, ratio);
+    this.drawTime();
+  }
+  figure(take, t, i, lines, points) {
+    const places = take.names.map((_, j) => take.place(t, j)), many = this.takes.length > 1;
+    const colour = (j) => (many ? TAKES[i % TAKES.length] : SIDES[take.sides[j]]);
+    for (const [a, b] of take.edges) if (places[a] && places[b]) lines.push([places[a], places[b], colour(b)]);
+    places.forEach((p, j) => { if (p) points.push([p, colour(j), take.edges.length ? 6 : 8]); });
+  }
+  grid(target) {
+    const lines = [], step = this.height > 40 ? 10 : this.height < 0.3 ? 0.1 : 1, reach = 8;
+    const x = Math.round(target[0] / step), y = Math.round(target[1] / step), colour = [0.27, 0.3, 0.34, 1];
+    for (let k = -reach; k <= reach; k++) {
+      lines.push([[(x + k) * step, (y - reach) * step, 0], [(x + k) * step, (y + reach) * step, 0], colour]);
+      lines.push([[(x - reach) * step, (y + k) * step, 0], [(x + reach) * step, (y + k) * step, 0], colour]);
+    }
+    return lines;
+  }
+  drawTime() {
+    const frame = Math.round(this.seconds * this.fps);
+    $("scrub").value = frame;
+    $("time").textContent = `${this.seconds.toFixed(2)} / ${this.duration.toFixed(2)} s, frame ${frame + 1} of ${Number($("scrub").max) + 1}`;
+    if (!$("strip").hidden) this.drawStrip();
+    if (!$("plot").hidden) this.drawCurves();
+  }
+  flat(canvas) {
+    const ratio = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
+    canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio);
+    const c = canvas.getContext("2d");
+    c.scale(ratio, ratio);
+    return [c, w, h];
+  }
+  drawStrip() {
+    const [c, w, h] = this.flat($("strip")), shown = this.takes.filter((take) => take.feet), row = h / (2 * shown.length);
+    const whole = this.duration || 1;
+    shown.forEach((take, i) => {
+      for (let side = 0; side < 2; side++) {
+        c.fillStyle = css(SIDES[side + 1]);
+        for (let t = 0, from = -1; t <= take.frames; t++) {
+          const on = t < take.frames && (take.feet.stands[4 * t + 2 * side] || take.feet.stands[4 * t + 2 * side + 1]);
+          if (on && from < 0) from = t;
+          if (!on && from >= 0) { c.fillRect(from / take.fps / whole * w, (2 * i + side) * row, Math.max(1, (t - from) / take.fps / whole * w), row - 1); from = -1; }
+        }
+      }
+    });
+    c.fillStyle = "#fff"; c.fillRect(clamp(this.seconds / whole * w, 0, w - 1), 0, 1, h);
+  }
+  drawCurves() {
+    const [c, w, h] = this.flat($("graph")), take = this.takes[$("take").value || 0], j = Number($("joint").value);
+    const shift = take.shift;
+    const at = $("quantity").value === "turn" && take.quats ? (t) => take.turn(t, j) : (t) => { const p = take.place(t, j); return p && sub(p, shift); };
+    const every = Math.max(1, Math.ceil(take.frames / (2 * w))), values = [];
+    for (let t = 0; t < take.frames; t += every) values.push([t, at(t)]);
+    const all = values.flatMap(([, v]) => v || []);
+    let low = all.reduce((a, b) => Math.min(a, b), Infinity), high = all.reduce((a, b) => Math.max(a, b), -Infinity);
+    if (!(high - low > 1e-6)) { low -= 0.5; high += 0.5; }
+    const y = (v) => h - 6 - (v - low) / (high - low) * (h - 12), whole = this.duration || 1;
+    AXES.forEach((colour, i) => {
+      c.strokeStyle = colour; c.lineWidth = 1.5; c.beginPath();
+      let on = false;
+      for (const [t, v] of values) { if (!v) { on = false; continue; } const x = t / take.fps / whole * w; if (on) c.lineTo(x, y(v[i])); else c.moveTo(x, y(v[i])); on = true; }
+      c.stroke();
+    });
+    c.fillStyle = "#a4adb6"; c.font = "11px system-ui"; c.fillText(high.toFixed(2), 2, 12); c.fillText(low.toFixed(2), 2, h - 3);
+    c.fillStyle = "#fff"; c.fillRect(this.seconds / whole * w, 0, 1, h);
+    const now = at(take.frame(this.seconds));
+    $("values").replaceChildren(...AXES.map((colour, i) => {
+      const text = document.createElement("span");
+      text.style.color = colour; text.textContent = `${"xyz"[i]} ${now ? now[i].toFixed(3) : "missing"}`;
+      return text;
+    }));
+  }
+}
+
+try {
+  window.viewer = new Viewer(JSON.parse($("data").textContent));
+} catch (error) {
+  $("message").hidden = false; $("message").textContent = error.message;
+  document.documentElement.dataset.state = "failed";
+}
