@@ -14,7 +14,7 @@ from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.roles import find_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.viewer.packing import encode, pack_places, pack_units
-from muybridge.motion.character import Character, Mesh, read_character
+from muybridge.motion.character import Character, Mesh, pose_meshes, read_character
 from muybridge.motion.contacts.feet import feet_of_motion, feet_of_points
 from muybridge.motion.contacts.find import find_contacts
 from muybridge.motion.formats.registry import ReadOptions, read_file
@@ -77,6 +77,7 @@ def read_scene(path: Path, options: ReadOptions | None = None) -> Scene:
     vertices = 0
     if character is not None:
         packed |= {"meshes": [pack_mesh(m) for m in character.meshes], "materials": _materials(character)}
+        packed["margin"] = _margin(character, points)
         vertices = sum(len(m.positions) for m in character.meshes)
     notices = tuple(dict.fromkeys((*take.notices, *(character.notices if character is not None else ()))))
     return Scene(packed, len(points.points_world), points.fps, vertices, notices)
@@ -98,6 +99,7 @@ def pack_take(name: str, points: Points3D, motion: Motion | None = None) -> dict
         "meshes": [],
         "materials": [],
         "contacts": None,
+        "margin": None,
     }
     if motion is not None:
         turns = motion.forward()[..., :3, :3]
@@ -129,6 +131,16 @@ def pack_mesh(mesh: Mesh) -> dict[str, Any]:
         "material": mesh.material,
     }
     return packed
+
+
+def _margin(character: Character, points: Points3D) -> list[list[float]] | None:
+    """Metres by which the meshes go beyond the joints in the first frame, towards each axis' low and high end."""
+    if not character.meshes:
+        return None
+    posed = np.concatenate([m[0] for m in pose_meshes(character, character.motion.select([0]))])
+    joints = points.points_world[0]
+    low, high = joints.min(axis=0) - posed.min(axis=0), posed.max(axis=0) - joints.max(axis=0)
+    return [np.maximum(low, 0.0).tolist(), np.maximum(high, 0.0).tolist()]
 
 
 def _heaviest(joints: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:

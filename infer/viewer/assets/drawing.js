@@ -32,13 +32,13 @@ void main() {
   colour = vec4(base.rgb * light, 1.0);
 }`];
 const LINES = [`#version 300 es
-precision highp float; uniform mat4 uView; uniform vec2 uSize; uniform float uWidth;
+precision highp float; uniform mat4 uView; uniform vec2 uSize; uniform float uWidth, uNear;
 layout(location=0) in vec3 aFrom; layout(location=1) in vec3 aTo; layout(location=2) in vec2 aCorner; layout(location=3) in vec4 aColour;
 out vec4 vColour;
-vec4 before(vec4 a, vec4 b) { return a.w < 0.02 ? mix(a, b, (0.02 - a.w) / (b.w - a.w)) : a; }
+vec4 before(vec4 a, vec4 b) { return a.w < uNear ? mix(a, b, (uNear - a.w) / (b.w - a.w)) : a; }
 void main() {
   vec4 a = uView * vec4(aFrom, 1.0), b = uView * vec4(aTo, 1.0); vColour = aColour;
-  if (a.w < 0.02 && b.w < 0.02) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
+  if (a.w < uNear && b.w < uNear) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
   vec4 c = before(a, b), d = before(b, a);
   vec2 way = (d.xy / d.w - c.xy / c.w) * uSize; way /= max(length(way), 1e-4);
   vec4 p = aCorner.y < 0.5 ? c : d;
@@ -135,9 +135,9 @@ class Painter {
     if (way === "whole") gl.vertexAttribIPointer(at, size, type, stride, offset);
     else gl.vertexAttribPointer(at, size, type, way === "norm", stride, offset);
   }
-  begin(view, eye, size) {
+  begin(view, eye, size, near) {
     const gl = this.gl;
-    this.view = view; this.eye = eye; this.size = size;
+    this.view = view; this.eye = eye; this.size = size; this.near = near;
     gl.viewport(0, 0, size[0], size[1]); gl.clearColor(0.106, 0.118, 0.137, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
   drawMeshes(take, t) {
@@ -174,7 +174,7 @@ class Painter {
     const numbers = [], gl = this.gl;
     for (const [a, b, colour] of lines) for (const corner of CORNERS) numbers.push(...a, ...b, ...corner, ...colour);
     const count = this.upload(this.lines, numbers, [3, 3, 2, 4]);
-    gl.uniform2f(this.lines.at.uSize, this.size[0] / 2, this.size[1] / 2); gl.uniform1f(this.lines.at.uWidth, width / 2);
+    gl.uniform2f(this.lines.at.uSize, this.size[0] / 2, this.size[1] / 2); gl.uniform1f(this.lines.at.uWidth, width / 2); gl.uniform1f(this.lines.at.uNear, this.near);
     gl.drawArrays(gl.TRIANGLES, 0, count); gl.disableVertexAttribArray(3);
   }
   drawPoints(points, scale) {

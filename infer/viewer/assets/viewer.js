@@ -45,7 +45,8 @@ class Viewer {
       if (!p) continue;
       low = low ? low.map((v, i) => Math.min(v, p[i])) : p; high = high ? high.map((v, i) => Math.max(v, p[i])) : p;
     }
-    return low && [low, high];
+    const skin = take.margin;
+    return low && [low.map((v, i) => v - (skin ? skin[0][i] : 0)), high.map((v, i) => v + (skin ? skin[1][i] : 0))];
   }
   arrange() {
     const apart = $("apart").checked, step = Math.max(1.1 * this.wide, 0.8 * this.height);
@@ -165,20 +166,23 @@ class Viewer {
     const eye = [target[0] + far * Math.cos(this.yaw), target[1] + far * Math.sin(this.yaw), target[2] + this.distance * Math.sin(this.pitch)];
     const view = product(perspective(0.75, size[0] / size[1], 0.02 * this.distance, 60 * this.distance), lookAt(eye, target));
     const painter = this.painter, lines = [], points = [];
-    painter.begin(view, eye, size);
-    painter.drawLines(this.grid(target), ratio);
+    painter.begin(view, eye, size, 0.021 * this.distance);
+    const gl = painter.gl, feet = [];
+    // The floor hides nothing.
+    gl.depthMask(false); painter.drawLines(this.grid(target), ratio); gl.depthMask(true);
     this.takes.forEach((take, i) => {
       const t = take.frame(this.seconds), mesh = take.meshes.length && $("mesh").checked;
       if (mesh) painter.drawMeshes(take, t);
       if (!mesh || $("bones").checked) this.figure(take, t, i, lines, points);
       if (take.feet && $("contacts").checked) for (let k = 0; k < 4; k++) {
         const p = take.foot(t, k);
-        if (p) points.push([p, SIDES[k < 2 ? 1 : 2].slice(0, 3).concat(0.85), 15]);
+        if (p) feet.push([p, SIDES[k < 2 ? 1 : 2].slice(0, 3).concat(0.85), 15]);
       }
     });
-    const gl = painter.gl;
     if ($("mesh").checked && $("bones").checked) gl.clear(gl.DEPTH_BUFFER_BIT);
     painter.drawLines(lines, 4 * ratio); painter.drawPoints(points, ratio);
+    // Where feet stand is seen through them.
+    gl.disable(gl.DEPTH_TEST); painter.drawPoints(feet, ratio); gl.enable(gl.DEPTH_TEST);
     this.drawTime();
   }
   figure(take, t, i, lines, points) {
