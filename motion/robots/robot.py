@@ -162,7 +162,7 @@ class Robot:
     def rest(self) -> FloatArray:
         """(D,) values of the free joints in the file's own pose, within their limits."""
         lower, upper, _ = self.limits
-        return np.clip(np.array([self.joints[k].rest for k in self.free]), lower, upper)
+        return np.asarray(np.clip(np.array([self.joints[k].rest for k in self.free]), lower, upper))
 
     def all_joints(self, free: FloatArray) -> FloatArray:
         """(..., J) values of all joints from those of the free ones (..., D)."""

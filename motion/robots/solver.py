@@ -6,6 +6,7 @@ together, in stretches whose first two frames are those of the stretch before.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -86,7 +87,7 @@ class _Stretch:
         places, weights, turns, turn_weights = cut
         return replace(self, places=places, weights=weights, turns=turns, turn_weights=turn_weights)
 
-    def state(self, pose: RobotPose) -> tuple[object, ...]:
+    def state(self, pose: RobotPose) -> tuple[Any, ...]:
         parts = (np.ascontiguousarray(each) for each in (pose.root, pose.turn, pose.free))
         return (self.robot.tree, self.terms, *parts, self.places, self.weights, self.turns, self.turn_weights)
 

@@ -77,8 +77,8 @@ def find_sole(robot: Robot, limb: Limb, axes: FloatArray) -> RobotSole:
         )
         back = float(ankle @ ahead) - _BEHIND * _LONG * leg
         front = max(back + _LONG * leg, float((ends @ ahead).max()))
-        middle = float(places[limb.end] @ across)
-        left, right = middle + _WIDE * leg / 2, middle - _WIDE * leg / 2
+        aside = float(places[limb.end] @ across)
+        left, right = aside + _WIDE * leg / 2, aside - _WIDE * leg / 2
     middle = across * (left + right) / 2 + _UP * low
 
     def corner(x: float, y: float) -> FloatArray:
@@ -247,7 +247,7 @@ class _Builder:
         turn = _straight(foot @ self.parts.axes.T, sole.ball - sole.heel, contact, fps)
         heel, ball = (ankle + turn @ (point - limb.points[2]) for point in (sole.heel, sole.ball))
         size = float(np.linalg.norm(sole.heel - sole.ball))
-        stands, stood = contact.any(-1), np.zeros((len(heel), 2, 3))
+        stands, stood = np.asarray(contact.any(-1)), np.zeros((len(heel), 2, 3))
         for a, b in contact_spans(stands):
             stood[a:b] = _stance(heel[a:b], ball[a:b], contact[a:b], size)
         shift = np.where(contact[:, 1:], stood[:, 1] - ball, stood[:, 0] - heel)
@@ -257,7 +257,7 @@ class _Builder:
         self.add(f"{side}_knee", limb.middle, limb.points[1], knee)
         self.add(f"{side}_heel", limb.end, sole.heel, heel, contact[:, 0])
         self.add(f"{side}_ball", limb.end, sole.ball, ball, contact[:, 1])
-        self.face("foot", limb.end, turn, contact.all(-1))
+        self.face("foot", limb.end, turn, np.asarray(contact.all(-1)))
 
     def arm(self, side: str) -> None:
         """Elbow, wrist and, where the wrist bends, the hand's end."""
@@ -287,7 +287,7 @@ def _straight(turn: FloatArray, along: FloatArray, contact: BoolArray, fps: floa
     """(T, 3, 3) with one heading in each contact: that of the frames in which the foot is flat."""
     way = (turn @ along)[:, :2]
     change = np.zeros((len(turn), 3))
-    for a, b in contact_spans(contact.any(-1)):
+    for a, b in contact_spans(np.asarray(contact.any(-1))):
         usual = _heading(way[a:b], contact[a:b])
         gap = np.arctan2(way[a:b, 0] * usual[1] - way[a:b, 1] * usual[0], way[a:b] @ usual)
         change[a:b, 2] = np.where(contact[a:b].all(-1) | ~contact[a:b].all(-1).any(), gap, 0.0)
