@@ -20,6 +20,8 @@ class Viewer {
     $("contacts").parentElement.hidden = !feet; $("strip").hidden = !feet;
     $("apart").checked = data.apart; $("apart").parentElement.hidden = this.takes.length < 2;
     $("scrub").max = Math.round(this.duration * this.fps);
+    for (const id of ["play", "back", "on", "scrub"]) $(id).disabled = !this.playing;
+    if (!this.playing) $("play").textContent = "Play";
     this.measure(); this.arrange(); this.reset(); this.label(); this.listen();
     new ResizeObserver(() => { this.dirty = true; }).observe($("stage"));
     this.dirty = true; this.last = performance.now();
@@ -237,7 +239,7 @@ class Viewer {
     for (let t = 0; t < take.frames; t += every) values.push([t, at(t)]);
     const all = values.flatMap(([, v]) => v || []);
     let low = all.reduce((a, b) => Math.min(a, b), Infinity), high = all.reduce((a, b) => Math.max(a, b), -Infinity);
-    if (!(high - low > 1e-6)) { low -= 0.5; high += 0.5; }
+    if (!(high - low > 1e-3)) { low -= 0.5; high += 0.5; }
     const y = (v) => h - 6 - (v - low) / (high - low) * (h - 12), whole = this.duration || 1;
     AXES.forEach((colour, i) => {
       c.strokeStyle = colour; c.lineWidth = 1.5; c.beginPath();
