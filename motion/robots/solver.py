@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import PchipInterpolator
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -27,6 +27,7 @@ _PRIOR = 0.02  # of joints towards their own pose: inverse variance, one over ra
 _SLOWER = 0.98  # of the largest speed, that the solve aims at
 _MARGIN_M = 0.004  # that capsules are kept apart
 _SOFT_M = 0.001  # of floor and capsules
+_INSIDE_M, _FIRMER = 0.004, 3  # links that are farther inside each other are solved again, so often
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def solve_robot(
     while True:
         stop = min(start + _STRETCH, frames)
         fixed = 2 if start else 0
-        part = _gauss_newton(whole.frames(slice(start, stop)), pose.frames(start, stop), options, fixed)
+        part = _solve_stretch(whole.frames(slice(start, stop)), pose.frames(start, stop), capsules, options, fixed)
         for whole_part, mine in ((pose.root, part.root), (pose.turn, part.turn), (pose.free, part.free)):
             whole_part[start:stop] = mine
         if progress is not None:
@@ -188,8 +189,24 @@ def _first(whole: _Stretch, targets: Targets, fps: float, options: SolveOptions)
         return pose
     at = np.arange(frames)
     turned = Slerp(some, Rotation.from_matrix(pose.turn))(at).as_matrix() if frames > 1 else pose.turn
-    free = np.clip(CubicSpline(some, pose.free)(at), whole.lower, whole.upper)
-    return RobotPose(CubicSpline(some, pose.root)(at), turned, free)
+    free = np.clip(PchipInterpolator(some, pose.free)(at), whole.lower, whole.upper)
+    return RobotPose(PchipInterpolator(some, pose.root)(at), turned, free)
+
+
+def _solve_stretch(
+    stretch: _Stretch, pose: RobotPose, capsules: Capsules, options: SolveOptions, fixed: int
+) -> RobotPose:
+    """A stretch; where links are still inside each other, again with more weight on that."""
+    pose = _gauss_newton(stretch, pose, options, fixed)
+    robot, terms = stretch.robot, stretch.terms
+    for _ in range(_FIRMER):
+        turns, places = robot.forward(pose.root, pose.turn, robot.all_joints(pose.free))
+        gaps = capsules.distances(turns, places)
+        if not gaps.size or gaps.min() > -_INSIDE_M:
+            break
+        terms = terms._replace(apart=10 * terms.apart)
+        pose = _gauss_newton(replace(stretch, terms=terms), pose, options, fixed)
+    return pose
 
 
 def _gauss_newton(stretch: _Stretch, pose: RobotPose, options: SolveOptions, fixed: int) -> RobotPose:
