@@ -9,6 +9,7 @@ from typing import Any
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
@@ -39,13 +40,17 @@ def written_people(solution: Solution) -> tuple[Solution, ...]:
     return solution, *solution.others[: MOST_PEOPLE - 1]
 
 
+def with_contacts(points: Points3D, motion: Motion | None) -> C3DTake:
+    """Points for a C3D, with the contacts of the feet as events where there is a motion."""
+    return C3DTake(points, events=() if motion is None else contact_events(find_contacts(motion)))
+
+
 def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> None:
     """Write everyone's points, motion and markers of a set."""
     for number, person in enumerate(written_people(solution), start=1):
-        events = () if person.motion is None else contact_events(find_contacts(person.motion))
         points: dict[str, Points3D | C3DTake] = {
             POINTS_TRC: person.points,
-            POINTS_C3D: C3DTake(person.points, events=events),
+            POINTS_C3D: with_contacts(person.points, person.motion),
         }
         if person.markers is not None:
             points[MARKERS_C3D] = marker_set(person.markers, markers)

@@ -19,7 +19,7 @@ from muybridge.infer.pipelines.retarget import (
     suggest,
     write_placed,
 )
-from muybridge.infer.results.ownership import check_replaceable
+from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.motion.robots.read import is_robot
@@ -66,6 +66,8 @@ def retarget(
         plant: plant feet, and put soles on the floor.
         overwrite: replace files that are there.
     """
+    if out is not None:
+        refuse_root(out)
     if is_robot(to):
         return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
     target = read_target(to, map)

@@ -56,6 +56,7 @@ def view(
     if not files:
         raise MuybridgeError("there is no file to show; name at least one, such as walk.bvh")
     page = files[0].with_suffix(".html") if out is None else out
+    check_replaceable([page], overwrite, [*files, *([asf] if asf is not None else [])])
     options = {"units": units, "up": up, "fps": fps, "asf": asf, "clip": clip}
     given = {name: value for name, value in options.items() if value is not None}
     for name in given:
@@ -67,7 +68,6 @@ def view(
         scenes.append(read_scene(path, ReadOptions(**used)))  # type: ignore[arg-type]
         for notice in scenes[-1].notices:
             progress.notice(notice)
-    check_replaceable([page], overwrite, [*files, *([asf] if asf is not None else [])])
     _write(page, render_page(scenes, side_by_side))
     for path, scene in zip(files, scenes, strict=True):
         mesh = f", {scene.vertices} vertices" if scene.vertices else ""
