@@ -161,7 +161,7 @@ def _normals(positions: FloatArray, triangles: IntArray) -> FloatArray:
     out = np.zeros_like(positions)
     for k in range(3):
         np.add.at(out, triangles[:, k], area)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12))
 
 
 def _materials(character: Character) -> list[dict[str, Any]]:
