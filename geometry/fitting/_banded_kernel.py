@@ -77,6 +77,33 @@ def total_cost(
 
 
 @compiled
+def resist_acceleration(
+    band: FloatArray, slope: FloatArray, step: FloatArray, t: int, i: int, weight: float
+) -> None:  # fmt: skip
+    """Add half of `weight` times the square of how unknown `i` changes its step after frame `t`, in place.
+
+    Args:
+        band: (T N, 2 N + 1), the lower band.
+        slope: (T, N) negative gradient.
+        step: (T - 1, N) differences between frames.
+        t, i: the first of the three frames, and the unknown.
+        weight: of the term.
+    """
+    n = slope.shape[1]
+    here = t * n + i
+    bend = weight * (step[t + 1, i] - step[t, i])
+    slope[t, i] += bend
+    slope[t + 1, i] -= 2 * bend
+    slope[t + 2, i] += bend
+    band[here, 0] += weight
+    band[here + n, 0] += 4 * weight
+    band[here + 2 * n, 0] += weight
+    band[here, n] -= 2 * weight
+    band[here + n, n] -= 2 * weight
+    band[here, 2 * n] += weight
+
+
+@compiled
 def assemble(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
     velocity: FloatArray, acceleration: FloatArray,
@@ -108,17 +135,7 @@ def assemble(
             band[here + n + i, 0] += w
             band[here + i, n] -= w
             if t + 2 < t_count:
-                w = acceleration[i]
-                bend = w * (step[t + 1, i] - step[t, i])
-                slope[t, i] += bend
-                slope[t + 1, i] -= 2 * bend
-                slope[t + 2, i] += bend
-                band[here + i, 0] += w
-                band[here + n + i, 0] += 4 * w
-                band[here + 2 * n + i, 0] += w
-                band[here + i, n] -= 2 * w
-                band[here + n + i, n] -= 2 * w
-                band[here + i, 2 * n] += w
+                resist_acceleration(band, slope, step, t, i, acceleration[i])
     return band, slope
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
-from muybridge.geometry.fitting._banded_kernel import log_between
+from muybridge.geometry.fitting._banded_kernel import log_between, resist_acceleration
 from muybridge.geometry.numerics._numba import compiled
 from muybridge.motion.robots._pair_kernel import nearest
 from muybridge.motion.robots._tree_kernel import Tree, pose_tree, rotate
@@ -301,15 +301,5 @@ def assemble(
             band[here + n + i, 0] += w
             band[here + i, n] -= w
             if t + 2 < frames:
-                w = terms.acceleration[i]
-                bend = w * (step[t + 1, i] - step[t, i])
-                slope[t, i] += bend
-                slope[t + 1, i] -= 2 * bend
-                slope[t + 2, i] += bend
-                band[here + i, 0] += w
-                band[here + n + i, 0] += 4 * w
-                band[here + 2 * n + i, 0] += w
-                band[here + i, n] -= 2 * w
-                band[here + n + i, n] -= 2 * w
-                band[here + i, 2 * n] += w
+                resist_acceleration(band, slope, step, t, i, terms.acceleration[i])
     return band, slope
