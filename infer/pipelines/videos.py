@@ -47,7 +47,7 @@ from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
 from muybridge.motion.contacts.events import contact_facts
-from muybridge.motion.contacts.find import find_contacts
+from muybridge.motion.contacts.find import Contacts
 
 _log = logging.getLogger(__name__)
 
@@ -160,7 +160,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     qualities = [assess(session.cameras, person) for person in written_people(solution)]
-    problems = _write(run, session, followed, qualities, options)
+    problems, contacts = _write(run, session, followed, qualities, options)
     earlier = (name for name in run.output.names if is_overlay(name))  # of cameras that take no part now
     seconds = run.finish(
         {*result_names(files), *earlier},
@@ -168,7 +168,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         others=[{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
         calibration=calibration_facts(followed.calibration), person=solution.person, notices=session.notices,
         problems=problems, options=asdict(options), models=models.metadata,
-        contacts=None if solution.motion is None else contact_facts(find_contacts(solution.motion)),
+        contacts=None if contacts is None else contact_facts(contacts),
     )  # fmt: skip
     if solution.motion is None:
         raise SessionError(
@@ -180,12 +180,13 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
 
 def _write(
     run: Run, session: Session, followed: Followed, qualities: Sequence[Quality], options: RunOptions
-) -> tuple[str, ...]:
-    """Write every result but `run.json`; returns what spoils the result, as sentences."""
+) -> tuple[tuple[str, ...], Contacts | None]:
+    """Write every result but `run.json`; returns what spoils the result, as sentences, and the first person's
+    contacts."""
     solution, files = followed.solution, file_names(session.cameras.names)
     run.stages |= {f"2D {files[c]}": d.stage for c, d in enumerate(followed.detected)} | solution.stages
     run.write(CALIBRATION, partial(_save_calibration, session=session))
-    write_people(run, solution, options.detect.markers)
+    contacts = write_people(run, solution, options.detect.markers)
     thumbnails = write_overlays(
         run, session, files, followed.detected, solution, options.overlay, options.detect.workers
     )
@@ -195,7 +196,7 @@ def _write(
     }  # fmt: skip
     # Overlays are drawn with the first person's points.
     first = {"calibration": followed.calibration, "thumbnails": tuple(thumbnails)}
-    return write_reports(run, session.name, solution, qualities, shared, first)
+    return write_reports(run, session.name, solution, qualities, shared, first), contacts
 
 
 def _save_calibration(path: Path, session: Session) -> None:

@@ -18,7 +18,7 @@ from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
 from muybridge.motion.contacts.events import contact_events
-from muybridge.motion.contacts.find import find_contacts
+from muybridge.motion.contacts.find import Contacts, find_contacts
 from muybridge.motion.formats.points.c3d import C3DTake
 
 POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
@@ -40,23 +40,31 @@ def written_people(solution: Solution) -> tuple[Solution, ...]:
     return solution, *solution.others[: MOST_PEOPLE - 1]
 
 
-def with_contacts(points: Points3D, motion: Motion | None) -> C3DTake:
-    """Points for a C3D, with the contacts of the feet as events where there is a motion."""
-    return C3DTake(points, events=() if motion is None else contact_events(find_contacts(motion)))
+def contacts_of(motion: Motion | None) -> Contacts | None:
+    """The contacts of the feet where there is a motion."""
+    return None if motion is None else find_contacts(motion)
 
 
-def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> None:
-    """Write everyone's points, motion and markers of a set."""
-    for number, person in enumerate(written_people(solution), start=1):
+def with_contacts(points: Points3D, contacts: Contacts | None) -> C3DTake:
+    """Points for a C3D, with contacts as events."""
+    return C3DTake(points, events=() if contacts is None else contact_events(contacts))
+
+
+def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> Contacts | None:
+    """Write everyone's points, motion and markers of a set; returns the contacts of the person of interest."""
+    people = written_people(solution)
+    contacts = [contacts_of(person.motion) for person in people]
+    for number, (person, standing) in enumerate(zip(people, contacts, strict=True), start=1):
         points: dict[str, Points3D | C3DTake] = {
             POINTS_TRC: person.points,
-            POINTS_C3D: with_contacts(person.points, person.motion),
+            POINTS_C3D: with_contacts(person.points, standing),
         }
         if person.markers is not None:
             points[MARKERS_C3D] = marker_set(person.markers, markers)
         run.write_points({of_person(name, number): each for name, each in points.items()})
         if person.motion is not None:
             run.write_motion([of_person(name, number) for name in (MOTION_BVH, MOTION_GLB)], person.motion)
+    return contacts[0]
 
 
 def write_reports(

@@ -16,7 +16,7 @@ from muybridge.infer.pipelines.videos import RunOptions, run_session
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
-from muybridge.infer.results.people import with_contacts, written_people
+from muybridge.infer.results.people import contacts_of, with_contacts, written_people
 from muybridge.motion.formats.registry import write_file
 from muybridge.motion.take import Take
 
@@ -61,7 +61,7 @@ class CapturedPerson:
             raise ValueError(f"no landmark set {landmarks!r} in this result: choose one of {', '.join(self.points)}")
         points, c3d = self.points[landmarks], None
         if landmarks == "body23" and Path(path).suffix.lower() == ".c3d":
-            c3d = with_contacts(points, self.motion)
+            c3d = with_contacts(points, contacts_of(self.motion))
         write_file(Path(path), Take(points=points, motion=self.motion, c3d=c3d))
 
 
