@@ -11,11 +11,10 @@ from muybridge.infer.detection.tracks import merge_tracks
 from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.results.folder import open_output
+from muybridge.infer.results.run import DEFAULT_OUT
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import Session, with_notice
-
-DEFAULT_RESULTS = "muybridge"
 
 
 def session_keypoints(
@@ -33,7 +32,7 @@ def session_keypoints(
         OutputError: the folder cannot be made, or cannot take results.
     """
     inputs = [session.calibration, *(v.path for v in session.videos)]
-    folder = open_output(results or session.path / DEFAULT_RESULTS, (), inputs).work
+    folder = open_output(results or session.path / DEFAULT_OUT, (), inputs).work
     models, store, names = open_models(options), StageStore(folder), file_names(session.cameras.names)
     first = first_pass(options)  # as in a run
     session = estimate_gravity(session, names, models, store, first, progress)

@@ -15,11 +15,13 @@ from muybridge.geometry.roles import RoleMap, find_roles, load_role_map, suggest
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.people import MOTION_BVH
+from muybridge.infer.results.run import DEFAULT_OUT
 from muybridge.infer.session.discover import is_results
 from muybridge.motion.character.character import Character
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.write import write_character_clip
 from muybridge.motion.editing.resampling import resample
+from muybridge.motion.formats.clip_choice import first_clip_notice
 from muybridge.motion.formats.registry import FORMATS, ReadOptions, can_use, check_writable, read_file, write_file
 from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
 from muybridge.motion.take import Take
@@ -27,7 +29,6 @@ from muybridge.motion.take import Take
 CLIPS = (".glb", ".gltf", ".vrm")  # files that take one more clip and keep all else
 _MOTION = tuple(s for s, f in FORMATS.items() if f.write_motion is not None and f.read is not None)
 _MOST_NAMES = 8
-_RESULTS = "muybridge"  # in a session folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ class Target:
     @property
     def notices(self) -> tuple[str, ...]:
         """Those of reading it, but for the clip that was read: only the skeleton and the meshes count."""
-        return tuple(n for n in self.character.notices if not n.startswith(f"{self.character.path.name}: the first of"))
+        of_clip = first_clip_notice(self.character.path, self.character.clips)
+        return tuple(n for n in self.character.notices if n != of_clip)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,7 @@ def find_takes(paths: Sequence[Path]) -> list[Path]:
         if path.is_file():
             out.append(path)
             continue
-        results = next((f for f in (path, path / _RESULTS) if f.is_dir() and is_results(f)), None)
+        results = next((f for f in (path, path / DEFAULT_OUT) if f.is_dir() and is_results(f)), None)
         if results is not None:
             found = sorted([*results.glob(MOTION_BVH), *results.glob(f"*/{MOTION_BVH}")])
         else:

@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from muybridge.errors import MuybridgeError
@@ -68,9 +68,7 @@ class Parameter:
         """
         if self.kind == "name":
             if self.choices and word not in self.choices:
-                raise MuybridgeError(
-                    f"{self.name} is {_listed(self.choices)}, not {word!r}{_meant(word, self.choices)}"
-                )
+                raise MuybridgeError(f"{self.name} is {_listed(self.choices)}, not {word!r}{meant(word, self.choices)}")
             return word
         units = KINDS[self.kind]
         found = _NUMBER.fullmatch(word)
@@ -103,7 +101,7 @@ def bind(parameters: Sequence[Parameter], words: Sequence[str]) -> dict[str, Val
             parameter = _parameter_for(word, parameters, [p for p in parameters if p.name not in out])
             out[parameter.name] = parameter.value(word)
         elif name not in by_name:
-            raise MuybridgeError(f"there is no {name!r} to set: {_takes(parameters)}{_meant(name, tuple(by_name))}")
+            raise MuybridgeError(f"there is no {name!r} to set: {_takes(parameters)}{meant(name, by_name)}")
         elif name in out:
             raise MuybridgeError(f"{name} is given twice")
         else:
@@ -140,6 +138,7 @@ def _listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
 
 
-def _meant(word: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, known, n=1)
+def meant(word: str, known: Iterable[str]) -> str:
+    """The end of a message on a word that is none of those `known`: the nearest of them, if one is near."""
+    near = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""

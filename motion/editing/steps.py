@@ -19,7 +19,7 @@ from muybridge.geometry.smoothing.filters import METHODS
 from muybridge.motion.contacts.footskate import contact_spans
 from muybridge.motion.contacts.planting import plant_feet
 from muybridge.motion.editing import cutting, filtering, looping, naming, placing, reducing, resampling, root_path
-from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, resolved
+from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, meant, resolved
 from muybridge.motion.editing.channels import check_editable, duration, frame_count
 from muybridge.motion.editing.mirroring import mirror, rest_images
 from muybridge.motion.editing.pairing import find_sides, pair_names
@@ -270,7 +270,8 @@ def parse_steps(words: Sequence[str]) -> tuple[Call, ...]:
         elif groups:
             groups[-1].append(word)
         else:
-            raise MuybridgeError(f"step 1: there is no step {word!r}{_nearest(word)}; the steps are {', '.join(STEPS)}")
+            hint = meant(word.lower().replace("_", "-"), STEPS)
+            raise MuybridgeError(f"step 1: there is no step {word!r}; the steps are {', '.join(STEPS)}{hint}")
     if not groups:
         raise MuybridgeError(f"there is no step to do; the steps are {', '.join(STEPS)}")
     calls = []
@@ -283,11 +284,6 @@ def parse_steps(words: Sequence[str]) -> tuple[Call, ...]:
             hint = f"; if a step was meant, it is {near[0]!r}" if near else ""
             raise error.reworded(f"step {k}, {name}: {error.message}{hint}") from error
     return tuple(calls)
-
-
-def _nearest(word: str) -> str:
-    near = difflib.get_close_matches(word.lower().replace("_", "-"), STEPS, n=1)
-    return f": did you mean {near[0]!r}?" if near else ""
 
 
 def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:

@@ -1,6 +1,7 @@
 """Choosing one of the animations that a file holds."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from muybridge.errors import FormatError
 
@@ -27,3 +28,8 @@ def choose_clip(names: Sequence[str], clip: Clip, error: Callable[..., FormatErr
         return number
     listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names)) or "none"
     raise error(f"has no clip {clip!r}; its clips are: {listed}", "choose_clip")
+
+
+def first_clip_notice(path: Path, names: Sequence[str]) -> str:
+    """The notice that the first of a file's several animations `names` was read, since none was asked for."""
+    return f"{path.name}: the first of its {len(names)} clips was read, {names[0]!r}" if names else ""

@@ -108,7 +108,8 @@ def layer_of_render(
         shape: height and width of the picture.
         largest: None is returned if a side would have to be longer.
     """
-    planes, box, cut = renders.pixels_of(index), renders.box_px[index], touched_sides(renders.pixels_of(index))
+    planes, box = renders.pixels_of(index), renders.box_px[index]
+    cut = touched_sides(planes)
     x, y, width, height = _occupied(planes)
     is_person = bool(np.isfinite(box).all())
     longer = float((box[2:] - box[:2]).max()) if is_person else float(max(width, height))

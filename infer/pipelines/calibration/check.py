@@ -10,12 +10,13 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.infer.detection.detect import DetectOptions
-from muybridge.infer.pipelines.landmarks import DEFAULT_RESULTS, session_keypoints
+from muybridge.infer.pipelines.landmarks import session_keypoints
 from muybridge.infer.reconstruction.judge import check_keypoints
 from muybridge.infer.report.calibration_figures import blamed
 from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
 from muybridge.infer.report.diagnosis_wording import diagnosis_text
 from muybridge.infer.results.folder import open_output
+from muybridge.infer.results.run import DEFAULT_OUT
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 
@@ -63,7 +64,7 @@ def check_session(
     opened = open_session(path, session)
     for notice in opened.notices:
         progress.notice(notice)
-    results = open_output(output.results or path / DEFAULT_RESULTS, (), [opened.calibration])
+    results = open_output(output.results or path / DEFAULT_OUT, (), [opened.calibration])
     opened, keypoints = session_keypoints(opened, output.results, detect, progress)
     quality = check_keypoints(opened.cameras, keypoints, options, opened.fps)
     seconds = {"in all": time.perf_counter() - start}

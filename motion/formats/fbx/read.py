@@ -8,6 +8,7 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.formats.clip_choice import first_clip_notice
 from muybridge.motion.formats.fbx.scene import ErrorFactory, Model, Scene, read_scene
 from muybridge.motion.formats.fbx.text import read_fbx_document
 from muybridge.motion.formats.skeletal.joint_frames import frame_times, motion_from_frames
@@ -95,7 +96,7 @@ def read_rig(path: Path, scene: Scene, clip: str | int | None, error: ErrorFacto
         kept = scene.models[largest].name
         notices.append(f"{path.name}: of {len(trees)} skeletons {kept!r} was read, {', '.join(names)} not")
     if clip is None and len(scene.clips) > 1:
-        notices.append(f"{path.name}: the first of its {len(scene.clips)} clips was read, {scene.clips[0]!r}")
+        notices.append(first_clip_notice(path, scene.clips))
     lines = trees[largest]
     limbs = {line[-1] for line in lines}
     wanted: set[int] = set()

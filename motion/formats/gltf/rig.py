@@ -11,7 +11,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.motion.formats.clip_choice import Clip, choose_clip
+from muybridge.motion.formats.clip_choice import Clip, choose_clip, first_clip_notice
 from muybridge.motion.formats.gltf.clips import Tracks, clip_names_of, even_times, read_tracks, sample
 from muybridge.motion.formats.gltf.container import Document
 from muybridge.motion.formats.gltf.nodes import (
@@ -115,7 +115,7 @@ def read_clip(rig: Rig, clip: Clip) -> tuple[dict[int, Frame], float, list[str]]
     fps, times = even_times(document, tracks, number)
     notices = []
     if clip is None and len(names) > 1:
-        notices.append(f"{document.path.name}: the first of its {len(names)} clips was read, {names[0]!r}")
+        notices.append(first_clip_notice(document.path, names))
     return forward(rig.nodes, list(rig.still), tracks, times), fps, notices
 
 
