@@ -32,9 +32,8 @@ OwnerArray = NDArray[np.int16]
 OTHERS = 4  # people besides the subject whose boxes are kept
 # Owners of pixels besides people, who have their numbers.
 NOBODY, THING = -1, 100
-_CELL = 3  # pixels, side of the cells in which a person's visible share is counted
 _HORIZON = 0.999 * FAR  # metres; beyond it nothing is drawn
-_BEYOND = 400  # cells on either side of the image's corner in which a body is counted
+_BEYOND = 1200  # pixels on either side of the image's corner in which a body is counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,19 +189,20 @@ class SceneRenderer:
 
 
 def _extent(view: View, shape: Shape, owner: OwnerArray, person: int) -> tuple[Float32Array, float] | None:
-    """Box (4,) of a person and the share of the cells that the body covers where the person is seen; None if part of
+    """Box (4,) of a person and the share of the pixels that the body covers where the person is seen; None if part of
     the body is behind the camera."""
     px, depth_m = view.project(shape.vertices[:BODY_VERTICES])
     if depth_m.min() < NEAR:
         return None
-    cells = np.round(px[::2] / _CELL).clip(-_BEYOND, _BEYOND).astype(np.intp)
-    occupied = np.zeros((2 * _BEYOND + 1,) * 2, bool)
-    occupied[cells[:, 1] + _BEYOND, cells[:, 0] + _BEYOND] = True
-    # Cells at the outline are covered by a third or more where nothing hides them.
-    filled = cv2.blur((owner == person).astype(np.float32), (_CELL, _CELL))[::_CELL, ::_CELL]
-    seen = np.minimum(3 * filled, 1.0)
-    inside = occupied[_BEYOND:, _BEYOND:][: seen.shape[0], : seen.shape[1]]
-    share = (inside * seen).sum() / occupied.sum()
+    at = np.round(px[::2]).clip(-_BEYOND, _BEYOND).astype(np.intp)
+    corner = at.min(0) - 1
+    covered = np.zeros((np.ptp(at, axis=0) + 3)[::-1], np.uint8)
+    covered[at[:, 1] - corner[1], at[:, 0] - corner[0]] = 1
+    covered = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))  # pixels between vertices
+    y, x = np.nonzero(covered)
+    x, y = x + corner[0], y + corner[1]
+    inside = (x >= 0) & (x < owner.shape[1]) & (y >= 0) & (y < owner.shape[0])
+    share = (owner[y[inside], x[inside]] == person).sum() / len(x)
     return np.concatenate([px.min(0), px.max(0)]).astype(np.float32), float(share)
 
 
