@@ -33,7 +33,7 @@ class FootPlan:
 
 def plan_foot(
     ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
-    fps: float, seconds: float,
+    fps: float, seconds: float, step: float = np.inf,
 ) -> FootPlan:  # fmt: skip
     """Where a foot shall be.
 
@@ -49,6 +49,7 @@ def plan_foot(
         clearance: (2,) metres of heel and ball over it.
         fps: frames per second.
         seconds: over which corrections fade.
+        step: metres over the floor from which a contact keeps its own height: the foot stands on something.
     """
     flat = np.asarray(contact.all(1))
     wanted = _flat_orientations(turns, flat, leg, floor, clearance)
@@ -57,7 +58,7 @@ def plan_foot(
     for point, pivot in ((HEEL, BALL), (BALL, HEEL)):
         only = contact[:, pivot] & ~contact[:, point]
         turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
-    target = _targets(ankle, turned, leg, contact, floor, clearance)
+    target = _targets(ankle, turned, leg, contact, floor, clearance, step)
     standing = np.asarray(contact.any(1))
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
@@ -117,8 +118,9 @@ def _lifted_about(
 
 
 def _targets(
-    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray
-) -> FloatArray:
+    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
+    step: float,
+) -> FloatArray:  # fmt: skip
     """(T, 3) metres: ankles of a foot that stands with its points where each contact has them; as they are elsewhere.
 
     A contact of the ball has the mean of its places; one of the heel follows from a ball that stands at the same time,
@@ -131,7 +133,7 @@ def _targets(
     for start, stop in contact_spans(np.asarray(contact.any(1))):
         fixed: list[tuple[int, int, FloatArray]] = []  # contacts of the heel whose place is known
         for a, b in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, BALL])):
-            place = floor.onto(ball[a:b].mean(0), clearance[BALL])
+            place = _place(ball[a:b], floor, float(clearance[BALL]), step)
             for c, d, at in fixed:
                 both = np.nonzero(flat[max(a, c) : min(b, d)])[0]
                 if len(both):
@@ -148,6 +150,13 @@ def _targets(
                 out[alone] = at - turns[alone] @ leg.heel
         for c, d in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, HEEL])):
             if not flat[c:d].any():
-                place = floor.onto(heel[c:d].mean(0), clearance[HEEL])
+                place = _place(heel[c:d], floor, float(clearance[HEEL]), step)
                 out[c:d] = place - turns[c:d] @ leg.heel
     return out
+
+
+def _place(points: FloatArray, floor: Floor, clearance: float, step: float) -> FloatArray:
+    """(3,) metres: where a contact's points (T, 3) stand, on the floor or, `step` over it, at their own height."""
+    mean = np.asarray(points.mean(0))
+    over = float(floor.heights(mean)) - clearance
+    return floor.onto(mean, clearance + (over if over > step else 0.0))

@@ -16,7 +16,7 @@ from muybridge.geometry.ik.two_bone import move_two_bone
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.contacts.blending import smooth_bound
-from muybridge.motion.contacts.feet import Leg, feet_of_motion, find_legs
+from muybridge.motion.contacts.feet import USUAL_LEG_M, Leg, feet_of_motion, find_legs, leg_length
 from muybridge.motion.contacts.find import Contacts, find_contacts, with_floor
 from muybridge.motion.contacts.foot_plan import FootPlan, plan_foot
 
@@ -34,11 +34,14 @@ class PlantOptions:
         blend: seconds over which corrections fade beside a contact.
         straight: share of its length up to which a leg may be straightened, unless it is straighter already.
         root: seconds over which the root moves to where feet can be reached.
+        step: metres, of an adult, over the floor from which a contact keeps its own height, as on a stair or a beam, or
+            with the toes up; lower ones are put onto the floor.
     """
 
     blend: float = 0.15
     straight: float = 0.99
     root: float = 0.15
+    step: float = 0.015
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +92,10 @@ def plant_feet(
         return Planted(motion, contacts, 0.0, 0.0, 0.0)
     contacts = with_floor(contacts, feet_of_motion(motion, roles))
     world = motion.forward()
+    step = options.step * leg_length(motion.skeleton, legs) / USUAL_LEG_M
     plans = [
         plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
-                  contacts.clearance[k], motion.fps, options.blend)
+                  contacts.clearance[k], motion.fps, options.blend, step)
         for k, leg in enumerate(legs)
     ]  # fmt: skip
     shift = _root_shift(world, legs, plans, motion.fps, options)

@@ -1,5 +1,6 @@
 """A take on another character's skeleton: directions of limbs, a root of its size, feet on its own soles."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -48,7 +49,7 @@ class RetargetOptions:
     plant: bool = True
     scale: float | None = None
     contacts: ContactOptions = field(default_factory=ContactOptions)
-    planting: PlantOptions = field(default_factory=PlantOptions)
+    planting: PlantOptions = field(default_factory=lambda: PlantOptions(step=math.inf))  # soles go onto the floor
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from muybridge.motion.contacts.blending import blend
 from muybridge.motion.contacts.feet import feet_of_motion
 from muybridge.motion.contacts.find import Contacts
 from muybridge.motion.contacts.floor import Floor
-from muybridge.motion.contacts.planting import Planted, plant_feet
+from muybridge.motion.contacts.planting import Planted, PlantOptions, plant_feet
 
 FPS, FRAMES = 60.0, 240
 
@@ -98,6 +98,16 @@ def test_a_foot_under_the_floor_is_lifted():
     sunk = replace(motion, root_positions_world=motion.root_positions_world - [0, 0, 0.03])
     nothing = Contacts.of_feet(np.zeros_like(stands), FPS, Floor(), np.full((2, 2), 0.02))
     assert feet_of_motion(plant_feet(sunk, nothing).motion).places[..., 2].min() > 0.02 - 1e-3
+
+
+def test_a_foot_on_something_keeps_its_height():
+    motion, stands = standing(noise=0.005)
+    contacts = Contacts.of_feet(stands, FPS, Floor(-0.03), np.full((2, 2), 0.02))
+    raised = feet_of_motion(plant_feet(motion, contacts).motion).places[:, 1, :, 2]
+    assert raised.mean() == pytest.approx(feet_of_motion(motion).places[:, 1, :, 2].mean(), abs=3e-3)
+    assert np.ptp(raised, axis=0).max() < 1e-4
+    lowered = feet_of_motion(plant_feet(motion, contacts, PlantOptions(step=np.inf)).motion).places[:, 1, :, 2]
+    assert lowered == pytest.approx(-0.01, abs=1e-4)
 
 
 def test_bones_keep_their_lengths_and_other_joints_their_turns():
