@@ -128,11 +128,28 @@ class BodyModel:
             values[:, labels.index(name)] = rng.normal(mean, spread, n).clip(0.02, 0.98)
         return values.astype(np.float32)
 
+    def sample_person(
+        self, rng: np.random.Generator, age: tuple[float, float] | None = None
+    ) -> tuple[Float32Array, SkinnedBody]:
+        """The (phenotypes,) and the skeleton of one person.
+
+        Args:
+            rng: source of the age.
+            age: range of anny's age, 0 newborn to 1 old; None draws it as `sample_phenotypes` does.
+        """
+        phenotypes = self.sample_phenotypes(1)[0]
+        if age is not None:
+            phenotypes[list(self.model.phenotype_labels).index("age")] = rng.uniform(*age)
+        return phenotypes, self.skeleton(phenotypes)
+
+    def gender(self, phenotypes: Float32Array) -> Float32Array:
+        """(...) of phenotypes (..., phenotypes): 0 male to 1 female."""
+        return np.asarray(phenotypes[..., list(self.model.phenotype_labels).index("gender")])
+
     def pose(self, rotvec: FloatArray, phenotypes: Float32Array, kinds: IndexArray) -> BodyBatch:
         """Bodies in the given poses, moved vertically onto the floor."""
         vertices, landmarks, height, _ = self.forward(rotvec, phenotypes)
-        gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
-        return BodyBatch(vertices, landmarks, height, gender, kinds)
+        return BodyBatch(vertices, landmarks, height, self.gender(phenotypes), kinds)
 
     def forward(
         self, rotvec: FloatArray, phenotypes: Float32Array
@@ -169,7 +186,7 @@ class BodyModel:
             phenotypes = self.sample_phenotypes(len(kinds))
             vertices, landmarks, height, joints = self.forward(rotvec, phenotypes)
             good = np.nonzero(~self.penetrates(joints, height))[0]
-            gender = phenotypes[:, list(self.model.phenotype_labels).index("gender")]
+            gender = self.gender(phenotypes)
             batches.append(BodyBatch(vertices[good], landmarks[good], height[good], gender[good], kinds[good]))
             count += len(good)
         fields = ("vertices", "landmarks", "height", "gender", "kinds")

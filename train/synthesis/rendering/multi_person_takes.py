@@ -58,7 +58,7 @@ def cast(body: BodyModel, kinds: Sequence[str], seconds: float, fps: float, reac
         clips = sampler.sample_pair(seconds, fps) if pair else (sampler.sample(seconds, fps, kind),)
         skins = [_pose_clip(body, clip, phenotypes) for clip in clips]
         placed = _place_apart(body.rng, skins, [a.landmarks for a in actors], reach)
-        gender = float(phenotypes[list(body.model.phenotype_labels).index("gender")])
+        gender = float(body.gender(phenotypes))
         for vertices, landmarks in placed:
             outfit = sample_outfit(body.rng, gender)
             light = outfit.light if light is None else light

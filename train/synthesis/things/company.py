@@ -42,10 +42,7 @@ class Member:
 
     def __init__(self, body: BodyModel, rng: np.random.Generator, age: tuple[float, float] | None = None) -> None:
         self.body, self.rng = body, rng
-        self.phenotypes = body.sample_phenotypes(1)[0]
-        if age is not None:
-            self.phenotypes[list(body.model.phenotype_labels).index("age")] = rng.uniform(*age)
-        self.skeleton = body.skeleton(self.phenotypes)
+        self.phenotypes, self.skeleton = body.sample_person(rng, age)
         self.solver = Solver(self.skeleton)
         self.k = self.skeleton.height / 1.7
         self.script = Script(np.zeros(1))
@@ -190,7 +187,7 @@ class Member:
                     rotvec[i] = self._hands[s][i]
         vertices, landmarks, _, joints = self.body.forward(rotvec[None], self.phenotypes[None])
         shift = (self.root[0] - joints[0, 0]).astype(np.float32)
-        gender = float(self.phenotypes[list(self.body.model.phenotype_labels).index("gender")])
+        gender = float(self.body.gender(self.phenotypes))
         return Posed(vertices[0] + shift, landmarks[0] + shift, gender)
 
 

@@ -52,10 +52,7 @@ class Figure:
 
     def __init__(self, body: BodyModel, rng: np.random.Generator, age: tuple[float, float] | None = None) -> None:
         self.body, self.rng = body, rng
-        self.phenotypes = body.sample_phenotypes(1)[0]
-        if age is not None:
-            self.phenotypes[list(body.model.phenotype_labels).index("age")] = rng.uniform(*age)
-        self.skeleton = body.skeleton(self.phenotypes)
+        self.phenotypes, self.skeleton = body.sample_person(rng, age)
         self.index = {b: i for i, b in enumerate(self.skeleton.bones)}
         self.k = self.skeleton.height / 1.7
         self.local = np.tile(np.eye(3), (len(self.skeleton.bones), 1, 1))
@@ -372,7 +369,7 @@ def posed(*figures: Figure) -> tuple[Posed, ...]:
     phenotypes = np.stack([f.phenotypes for f in figures])
     vertices, landmarks, _, joints = body.forward(rotvec, phenotypes)
     shift = (np.stack([f.root for f in figures]) - joints[:, 0]).astype(np.float32)[:, None]
-    gender = phenotypes[:, list(body.model.phenotype_labels).index("gender")]
+    gender = body.gender(phenotypes)
     return tuple(
         Posed(v, p, float(g)) for v, p, g in zip(vertices + shift, landmarks + shift, gender, strict=True)
     )  # fmt: skip
