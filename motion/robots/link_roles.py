@@ -145,7 +145,12 @@ class _Body:
         return np.asarray(self.places[link] + self.turns[link] @ (mine[0].anchor if mine else np.zeros(3)))
 
     def height(self) -> float:
-        return float(max(np.ptp(self.places[:, 2]), 1e-6))
+        """Metres, without links above the body that are only frames, such as one on the floor below the robot."""
+        robot, first = self.robot, 0
+        solid = {shape.link for shape in robot.shapes} | set(np.flatnonzero(robot.masses > 0).tolist())
+        while first not in solid and robot.parents.count(first) == 1 and not self.joints(first + 1):
+            first += 1
+        return float(max(np.ptp(self.places[first:, 2]), 1e-6))
 
     def tip(self, link: int) -> FloatArray:
         """(3,) metres where a link without links that move below it ends."""

@@ -11,10 +11,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError
 from muybridge.motion.robots.mjcf_frames import (
     Compiler,
     Defaults,
     axis_from_z,
+    check_names,
     load_included,
     numbers,
     unit_vector,
@@ -28,6 +30,7 @@ _UNKNOWN = ("attach", "replicate", "composite", "flexcomp")
 
 @dataclass
 class _Builder:
+    path: Path
     compiler: Compiler
     defaults: Defaults
     links: list[str] = field(default_factory=list)
@@ -62,9 +65,7 @@ class _Builder:
             elif child.tag == "geom":
                 self._add_shape(child, link, frame, inherited)
             elif child.tag in _UNKNOWN:
-                raise ValueError(
-                    f"<{child.tag}> is not known here; save the compiled model with MuJoCo, which resolves it"
-                )
+                raise FormatError(f"{self.path}: <{child.tag}> is not known here", remedy="compile_mjcf")
         for child in element:
             if child.tag == "body":
                 self.add_body(child, link, frame, inherited)
@@ -87,7 +88,10 @@ class _Builder:
             return
         name = element.get("name") or f"joint_{len(self.joints)}"
         if kind not in ("hinge", "slide"):
-            raise ValueError(f"the joint {name!r} is of the type {kind!r}; hinge and slide are known")
+            raise FormatError(
+                f"{self.path}: the joint {name!r} is of the type {kind!r}; hinge and slide are known",
+                remedy="split_joint",
+            )
         angular = kind == "hinge"
         ends = numbers(given.get("range"), (0.0, 0.0))
         if ends.shape != (2,):
@@ -156,7 +160,7 @@ def read_mjcf(path: Path) -> Robot:
     if not bodies:
         raise ValueError("there is no body in the world")
     chosen, frame, inherited = max(bodies, key=lambda each: _joint_count(each[0]))
-    builder = _Builder(compiler, defaults)
+    builder = _Builder(path, compiler, defaults)
     builder.add_body(chosen, -1, frame, inherited)
     # Joints between the world and the root are those of the free root, whatever they are.
     at_root = [joint for joint in builder.joints if joint.link == 0]
@@ -165,7 +169,8 @@ def read_mjcf(path: Path) -> Robot:
         names = ", ".join(joint.name for joint in at_root)
         notices.append(f"the root moves freely; its joints {names} are left out")
     joints = [joint for joint in builder.joints if joint.link != 0]
-    _check_names(builder.links, [joint.name for joint in joints])
+    check_names("link", builder.links)
+    check_names("joint", [joint.name for joint in joints])
     return Robot(
         root.get("model") or path.stem, path, tuple(builder.links), tuple(builder.parents), np.array(builder.places),
         np.array(builder.turns), tuple(_with_mimics(joints, root)), tuple(builder.shapes), np.array(builder.masses),
@@ -192,13 +197,6 @@ def _top_bodies(root: Element, compiler: Compiler) -> list[tuple[Element, tuple[
 
 def _joint_count(body: Element) -> int:
     return sum(1 for _ in body.iter("joint")) + sum(1 for _ in body.iter("freejoint"))
-
-
-def _check_names(links: list[str], joints: list[str]) -> None:
-    for what, names in (("link", links), ("joint", joints)):
-        if len(set(names)) != len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise ValueError(f"two {what}s are called {twice!r}")
 
 
 def _with_mimics(joints: list[Joint], root: Element) -> list[Joint]:

@@ -1,6 +1,6 @@
 """MJCF's ways to write a frame, its default classes and its included files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,9 +9,30 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3, matrix_from_quat
 
 MOST_INCLUDES = 100
+
+
+def parse_xml(path: Path) -> Element:
+    """The root element of an XML file.
+
+    Raises:
+        FormatError: the file cannot be opened; the message names it, which another may include.
+        ElementTree.ParseError: it is no XML.
+    """
+    try:
+        return ElementTree.fromstring(path.read_bytes())
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def check_names(what: str, names: Sequence[str]) -> None:
+    """ValueError where two links or joints have one name."""
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"two {what}s are called {twice!r}")
 
 
 def numbers(text: str | None, default: tuple[float, ...] = ()) -> FloatArray:
@@ -156,7 +177,7 @@ def load_included(path: Path) -> Element:
         seen.add(file.resolve())
         if len(seen) > MOST_INCLUDES:
             raise ValueError(f"more than {MOST_INCLUDES} files are included")
-        element = ElementTree.fromstring(file.read_bytes())
+        element = parse_xml(file)
         expand(element, file.parent)
         return element
 

@@ -4,16 +4,16 @@ Source: the URDF specification (http://wiki.ros.org/urdf/XML). Transmissions, se
 over.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import exp_so3
-from muybridge.motion.robots.mjcf_frames import numbers, unit_vector, vector
+from muybridge.motion.robots.mjcf_frames import check_names, numbers, parse_xml, unit_vector, vector
 from muybridge.motion.robots.robot import Joint, Mimic, Robot, Shape
 
 _MOVING = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
@@ -28,14 +28,11 @@ class _Edge:
     child: str
     place: FloatArray
     turn: FloatArray
+    kind: str
 
     @property
     def name(self) -> str:
         return self.element.get("name", "")
-
-    @property
-    def kind(self) -> str:
-        return self.element.get("type", "")
 
 
 def read_urdf(path: Path) -> Robot:
@@ -44,11 +41,19 @@ def read_urdf(path: Path) -> Robot:
     Raises:
         ValueError, OSError, ElementTree.ParseError: the file is no URDF, or its links are no tree.
     """
-    root = ElementTree.fromstring(path.read_bytes())
+    root = parse_xml(path)
     if root.tag != "robot":
         raise ValueError(f"the outermost element is <{root.tag}>, not <robot>")
-    links = {link.get("name", ""): link for link in root.findall("link")}
-    edges = [_edge(element, links) for element in root.findall("joint")]
+    _refuse_xacro(path, root)
+    names_of_links = [link.get("name", "") for link in root.findall("link")]
+    check_names("link", names_of_links)
+    links = dict(zip(names_of_links, root.findall("link"), strict=True))
+    if not links:
+        raise ValueError("there is no link")
+    edges = [_edge(path, element, links) for element in root.findall("joint")]
+    world = _world(edges, links)
+    if world is not None:
+        edges = [replace(edge, kind="floating") if edge is world else edge for edge in edges]
     floating = [edge for edge in edges if edge.kind == "floating"]
     order, above = _tree(list(links), edges, {edge.child for edge in floating})
     index = {name: k for k, name in enumerate(order)}
@@ -62,9 +67,8 @@ def read_urdf(path: Path) -> Robot:
         parents.append(index[edge.parent])
         places[k], turns[k] = edge.place, edge.turn
     joints = [_joint(edge, index) for edge in edges if edge.child in index and edge.kind in _MOVING]
+    check_names("joint", [joint.name for joint in joints])
     names = {joint.name for joint in joints}
-    if len(names) != len(joints):
-        raise ValueError("two joints have the same name")
     for joint in joints:
         if joint.mimic is not None and joint.mimic.joint not in names:
             raise ValueError(f"{joint.name!r} follows {joint.mimic.joint!r}, which is no joint")
@@ -73,14 +77,41 @@ def read_urdf(path: Path) -> Robot:
         root.get("name") or path.stem, path, tuple(order), tuple(parents), places, turns, tuple(joints),
         tuple(shape for name in order for shape in _shapes(links[name], index[name])),
         np.array([_mass(each) for each in inertial]), np.array([_centre(each) for each in inertial]),
+        _notices(order, links, start),
     )  # fmt: skip
 
 
-def _edge(element: Element, links: dict[str, Element]) -> _Edge:
+def _refuse_xacro(path: Path, root: Element) -> None:
+    """FormatError where macros are not expanded."""
+    if any("xacro" in element.tag or any("${" in v for v in element.attrib.values()) for element in root.iter()):
+        raise FormatError(f"{path}: holds xacro macros, which have to be expanded first", remedy="expand_xacro",
+                          xacro=path.name, urdf=f"{path.stem}_expanded.urdf")  # fmt: skip
+
+
+def _world(edges: list[_Edge], links: dict[str, Element]) -> _Edge | None:
+    """The joint that fixes a robot to the link `world`, by which simulators hold it in place; None without one."""
+    below = [edge for edge in edges if edge.parent == "world"]
+    held = any(edge.child == "world" for edge in edges)
+    is_empty = "world" in links and not any(links["world"].find(tag) is not None for tag in ("inertial", "visual"))
+    return below[0] if len(below) == 1 and is_empty and not held and below[0].kind == "fixed" else None
+
+
+def _notices(order: list[str], links: dict[str, Element], start: _Edge | None) -> tuple[str, ...]:
+    """What was left out: links that hang from no joint of the tree, but for the world that the root hangs from."""
+    known = {*order, *([start.parent] if start is not None else [])}
+    lost = [name for name in links if name not in known]
+    if not lost:
+        return ()
+    some = ", ".join(lost[:5]) + (", ..." if len(lost) > 5 else "")
+    return (f"links that no joint fixes to {order[0]} are left out: {some}",)
+
+
+def _edge(path: Path, element: Element, links: dict[str, Element]) -> _Edge:
     name, kind = element.get("name", ""), element.get("type", "")
     if kind not in (*_MOVING, "fixed", "floating"):
-        raise ValueError(
-            f"the joint {name!r} is of the type {kind!r}; {', '.join(_MOVING)}, fixed and floating are known"
+        raise FormatError(
+            f"{path}: the joint {name!r} is of the type {kind!r}; {', '.join(_MOVING)}, fixed and floating are known",
+            remedy="split_joint",
         )
     ends = []
     for tag in ("parent", "child"):
@@ -90,7 +121,7 @@ def _edge(element: Element, links: dict[str, Element]) -> _Edge:
             raise ValueError(f"the joint {name!r} has no {tag} among the links")
         ends.append(link)
     place, turn = _origin(element)
-    return _Edge(element, ends[0], ends[1], place, turn)
+    return _Edge(element, ends[0], ends[1], place, turn, kind)
 
 
 def _origin(element: Element) -> tuple[FloatArray, FloatArray]:

@@ -52,7 +52,10 @@ def run_retarget_robot(request: RobotRequest) -> int:
     """
     robot = read_robot(request.to)
     chosen = load_role_map(request.role_map) if request.role_map is not None else None
-    parts = find_link_roles(robot, chosen)
+    try:
+        parts = find_link_roles(robot, chosen)
+    except MuybridgeError as error:
+        raise (error if request.role_map is None else error.about(str(request.role_map))) from None
     progress = Progress()
     for notice in robot.notices:
         progress.notice(f"{request.to.name}: {notice}")
