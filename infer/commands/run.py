@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -20,9 +20,12 @@ from muybridge.infer.runtime.logs import is_quiet
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions
 
+if TYPE_CHECKING:
+    from muybridge.infer.pipelines.run_character import RunCharacter
+
 COMMON_OPTIONS = {
     "run": (
-        "out", "overwrite", "calibration", "cameras", "keypoint_model", "markers", "workers", "min_confidence",
+        "out", "to", "overwrite", "calibration", "cameras", "keypoint_model", "markers", "workers", "min_confidence",
         "everyone", "refine_cameras", "world",
     ),
     "run_markers": ("out", "overwrite", "calibration", "cameras", "markerset", "correct"),
@@ -50,32 +53,22 @@ def run(
         sessions: one or more folders, each with `videos/` (one file per camera) and a calibration.
         out: results folder (default: `muybridge/` inside the session). Several sessions each get a subfolder.
         to: file of a character (.glb, .vrm, .bvh, .fbx), which the motion is put onto as well: the results folder gets
-            that file with a clip for each person (see `muybridge retarget`).
+            that file with a clip for each person (see `muybridge retarget`), and `report.html` shows it moving.
         options: options of every stage.
     """
-    target = _character(to) if to is not None else None
+    character = _character(to) if to is not None else None
 
     def work(path: Path, place: Path | None) -> str:
         with Progress() as progress:
-            result = run_session(path, place, options, progress)
-            if target is not None:
-                target(result.out, progress)
-            return summary(result)
+            return summary(run_session(path, place, options, progress, character))
 
     return run_each(plan(sessions, out), work)
 
 
-def _character(path: Path) -> Callable[[Path, Progress], None]:
-    """What puts the motion of a results folder onto a character, whose file is read now, before any work."""
-    from muybridge.infer.pipelines.retarget import read_run_target, retarget_results
+def _character(path: Path) -> "RunCharacter":
+    from muybridge.infer.pipelines.run_character import read_run_character
 
-    target = read_run_target(path)
-
-    def work(folder: Path, progress: Progress) -> None:
-        for notice in retarget_results(folder, target):
-            progress.notice(notice)
-
-    return work
+    return read_run_character(path)
 
 
 def run_markers(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from muybridge.infer.session.session import Session, SessionOptions, open_sessio
 from muybridge.infer.session.sync_file import SYNC_FILE
 from muybridge.motion.contacts.events import contact_facts
 from muybridge.motion.contacts.find import Contacts
+
+if TYPE_CHECKING:
+    from muybridge.infer.pipelines.run_character import RunCharacter
 
 _log = logging.getLogger(__name__)
 
@@ -131,7 +134,9 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
     return (*people, *(overlay_name(name) for name in camera_files), CALIBRATION)
 
 
-def run_session(path: Path, out: Path | None, options: RunOptions, progress: Progress) -> RunResult:
+def run_session(
+    path: Path, out: Path | None, options: RunOptions, progress: Progress, character: "RunCharacter | None" = None
+) -> RunResult:
     """Process one session folder.
 
     Args:
@@ -139,6 +144,7 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
         out: the results folder; None for `muybridge/` inside the session.
         options: of every stage.
         progress: receives progress messages.
+        character: that the motion is put onto as well; its file goes into the results folder.
 
     Raises:
         MuybridgeError: of some kind, for everything that the user can fix. Everything that can be known beforehand is
@@ -147,9 +153,11 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     session = open_session(path, options.session)
     models = open_models(options.detect)
     files = file_names(session.cameras.names)
-    inputs = [session.calibration, *(v.path for v in session.videos)]
+    own = () if character is None else (character.path,)
+    inputs = [session.calibration, *(v.path for v in session.videos), *own]
     place = path / DEFAULT_OUT if out is None else out
-    run = Run("videos", place, result_names(files), inputs, options.overwrite, progress, path)
+    names = (*result_names(files), *(() if character is None else character.names))
+    run = Run("videos", place, names, inputs, options.overwrite, progress, path)
     progress.say(f"{session.name}: {len(session.cameras)} cameras, {session.frames} frames at {session.fps:.4g} fps")
     for notice in session.notices:
         progress.notice(notice)
@@ -160,10 +168,10 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
     if solution.motion is None:
         session = replace(session, notices=(*session.notices, f"there is no motion: {solution.no_motion}"))
     qualities = [assess(session.cameras, person) for person in written_people(solution)]
-    problems, contacts = _write(run, session, followed, qualities, options)
+    problems, contacts = _write(run, session, followed, qualities, options, character)
     earlier = (name for name in run.output.names if is_overlay(name))  # of cameras that take no part now
     seconds = run.finish(
-        {*result_names(files), *earlier},
+        {*names, *earlier},
         frames=session.frames, fps=session.fps, session=session_facts(session), quality=asdict(qualities[0]),
         others=[{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
         calibration=calibration_facts(followed.calibration), person=solution.person, notices=session.notices,
@@ -179,14 +187,16 @@ def run_session(path: Path, out: Path | None, options: RunOptions, progress: Pro
 
 
 def _write(
-    run: Run, session: Session, followed: Followed, qualities: Sequence[Quality], options: RunOptions
-) -> tuple[tuple[str, ...], Contacts | None]:
+    run: Run, session: Session, followed: Followed, qualities: Sequence[Quality], options: RunOptions,
+    character: "RunCharacter | None",
+) -> tuple[tuple[str, ...], Contacts | None]:  # fmt: skip
     """Write every result but `run.json`; returns what spoils the result, as sentences, and the first person's
     contacts."""
     solution, files = followed.solution, file_names(session.cameras.names)
     run.stages |= {f"2D {files[c]}": d.stage for c, d in enumerate(followed.detected)} | solution.stages
     run.write(CALIBRATION, partial(_save_calibration, session=session))
     contacts = write_people(run, solution, options.detect.markers)
+    characters = {} if character is None or solution.motion is None else character.put_on(run)
     thumbnails = write_overlays(
         run, session, files, followed.detected, solution, options.overlay, options.detect.workers
     )
@@ -196,7 +206,7 @@ def _write(
     }  # fmt: skip
     # Overlays are drawn with the first person's points.
     first = {"calibration": followed.calibration, "thumbnails": tuple(thumbnails)}
-    return write_reports(run, session.name, solution, qualities, shared, first), contacts
+    return write_reports(run, session.name, solution, qualities, shared, first, characters), contacts
 
 
 def _save_calibration(path: Path, session: Session) -> None:

@@ -8,6 +8,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.infer.viewer.data import Scene
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class ReportData:
         versions: of muybridge and the libraries it ran with.
         thumbnails: frames of the overlays.
         files: names of the other results, relative to the report.
+        character: the character that this person's motion was put onto, with the motion; None where there is none.
     """
 
     title: str
@@ -93,6 +95,7 @@ class ReportData:
     versions: Mapping[str, str] = field(default_factory=dict)
     thumbnails: tuple[Thumbnail, ...] = ()
     files: tuple[str, ...] = ()
+    character: Scene | None = None
 
 
 def check_shapes(data: ReportData) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from muybridge.arrays import FloatArray
 from muybridge.files import replacing
@@ -20,6 +21,7 @@ from muybridge.infer.report.figures import Timeline, timeline
 from muybridge.infer.report.packing import packed_positions, packed_shares, rounded
 from muybridge.infer.report.templates import page_style, render, script_json, style_or_script
 from muybridge.infer.report.view import ReportView, calibration_verdict
+from muybridge.infer.viewer.page import component, component_script, component_style
 
 # Beyond this many frames the 3D view shows every second, third, ... frame.
 _MOST_FRAMES = 40_000
@@ -45,6 +47,7 @@ def render_report(data: ReportData) -> str:
         ValueError: arrays of `data` do not fit each other.
     """
     check_shapes(data)
+    character = data.character
     return render(
         "report.html",
         title=data.title,
@@ -58,8 +61,10 @@ def render_report(data: ReportData) -> str:
         quality=data.quality,
         options=data.options,
         versions=data.versions,
-        css=page_style(),
-        js=style_or_script("report_view.js", "report.js"),
+        character=None if character is None else Markup(component([character])),
+        character_file=None if character is None else character.packed["name"],
+        css=page_style() if character is None else page_style() + Markup(component_style()),
+        js=style_or_script("report_view.js", "report.js") + Markup("" if character is None else component_script()),
         data=script_json(_scene(data)),
     )
 

@@ -52,6 +52,8 @@ class OutputFolder:
             write(temporary)
             digest = file_digest(temporary)
             with self._lock:
+                # What others wrote into the folder meanwhile, such as the character of a run.
+                self._written = {**_read_manifest(self.work / MANIFEST)[0], **self._written}
                 self._written[name] = [digest, *self._written.get(name, [])][:_REMEMBERED]
                 _write_manifest(self.work, self.of, self._written)
         _log.info("wrote %s", path)

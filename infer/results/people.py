@@ -17,6 +17,7 @@ from muybridge.infer.report.data import PersonPage, ReportData
 from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
+from muybridge.infer.viewer.data import Scene
 from muybridge.motion.contacts.events import contact_events
 from muybridge.motion.contacts.find import Contacts, find_contacts
 from muybridge.motion.formats.points.c3d import C3DTake
@@ -69,7 +70,7 @@ def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> Contact
 
 def write_reports(
     run: Run, title: str, solution: Solution, qualities: Sequence[Quality], shared: Mapping[str, Any],
-    first: Mapping[str, Any],
+    first: Mapping[str, Any], characters: Mapping[int, Scene] | None = None,
 ) -> tuple[str, ...]:  # fmt: skip
     """Write `report.html`, and one more page for each further person.
 
@@ -80,6 +81,7 @@ def write_reports(
         qualities: everyone's.
         shared: fields of `ReportData` that all pages have.
         first: fields that the first page alone has.
+        characters: what everyone's motion was put onto, by the person's number.
 
     Returns:
         What spoils the first person's result, as sentences.
@@ -91,7 +93,7 @@ def write_reports(
     serious: tuple[str, ...] = ()
     for n, (person, quality) in enumerate(zip(people, qualities, strict=True)):
         others = tuple(p.points.points_world for p in people if p is not person)
-        own = first if n == 0 else {}
+        own = {**(first if n == 0 else {}), "character": (characters or {}).get(n + 1)}
         data = _report_data(title, n + 1, person, others, quality, {**shared, **own})
         run.write(names[n], partial(write_report, data=data))
         serious = problems(data) if n == 0 else serious

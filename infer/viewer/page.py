@@ -1,8 +1,8 @@
-"""The page: template, style, script and data in one file."""
+"""The page, and the component that other pages use: template, style, script and data in one file."""
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from muybridge.infer.viewer.data import Scene
@@ -21,10 +21,30 @@ def render_page(scenes: Sequence[Scene], side_by_side: bool = False) -> str:
         side_by_side: whether the page begins with them beside each other rather than in one place.
     """
     title = ", ".join(scene.packed["name"] for scene in scenes)
+    parts = {"title": html.escape(title), "style": component_style(), "component": component(scenes, side_by_side),
+             "script": component_script()}  # fmt: skip
+    return _filled("viewer.html", parts)
+
+
+def component(scenes: Sequence[Scene], side_by_side: bool = False) -> str:
+    """The element that shows some files, for any page that has `component_style` and, behind it, `component_script`."""
     data = {"takes": [scene.packed for scene in scenes], "apart": side_by_side}
     # No `</script>` or `<!--` in a name can close or open anything.
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return _filled("component.html", {"data": text})
+
+
+def component_style() -> str:
+    """What stands in a `<style>` element of a page with components."""
+    return read_asset("viewer.css")
+
+
+def component_script() -> str:
+    """What stands in a `<script>` element behind all components of a page; it leaves no name in the page."""
     script = "\n".join(read_asset(name) for name in ("maths.js", "drawing.js", "viewer.js"))
-    parts = {"title": html.escape(title), "style": read_asset("viewer.css"), "data": text, "script": script}
-    pieces = read_asset("viewer.html").split("@@")
+    return f"(() => {{\n{script}}})();"
+
+
+def _filled(template: str, parts: Mapping[str, str]) -> str:
+    pieces = read_asset(template).split("@@")
     return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))

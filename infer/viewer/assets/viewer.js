@@ -1,32 +1,38 @@
 "use strict";
 // The page: camera, time, switches, curves.
-const $ = (id) => document.getElementById(id);
 const SIDES = [[0.82, 0.86, 0.9, 1], [1, 0.64, 0.23, 1], [0.36, 0.74, 1, 1]];
 const TAKES = [[0.36, 0.74, 1, 1], [1, 0.64, 0.23, 1], [0.5, 0.85, 0.5, 1], [0.9, 0.55, 0.8, 1], [0.95, 0.9, 0.4, 1]];
 const AXES = ["#ff7b72", "#7ee787", "#79b8ff"];
 const css = (c) => `rgb(${c.slice(0, 3).map((v) => Math.round(255 * v))})`;
 
 class Viewer {
-  constructor(data) {
+  // In `root`, an element with the parts of component.html; `page` where it is all that the page has.
+  constructor(root, data, page) {
+    this.root = root; this.page = page;
     this.takes = data.takes.map((packed) => new Take(packed));
     this.duration = Math.max(...this.takes.map((take) => take.duration));
     this.fps = Math.max(...this.takes.map((take) => take.fps));
     this.seconds = 0; this.playing = this.duration > 0; this.speed = 1; this.cost = 0;
-    this.painter = new Painter($("stage"), () => { this.dirty = true; });
+    this.painter = new Painter(this.$("stage"), () => { this.dirty = true; });
     this.takes.forEach((take) => this.painter.prepare(take));
     const meshes = this.takes.some((take) => take.meshes.length);
-    $("mesh").parentElement.hidden = !meshes; $("bones").parentElement.hidden = !meshes;
+    this.$("mesh").parentElement.hidden = !meshes; this.$("bones").parentElement.hidden = !meshes;
     const feet = this.takes.some((take) => take.feet);
-    $("contacts").parentElement.hidden = !feet; $("strip").hidden = !feet;
-    $("apart").checked = data.apart; $("apart").parentElement.hidden = this.takes.length < 2;
-    $("scrub").max = Math.round(this.duration * this.fps);
-    for (const id of ["play", "back", "on", "scrub"]) $(id).disabled = !this.playing;
-    if (!this.playing) $("play").textContent = "Play";
+    this.$("contacts").parentElement.hidden = !feet; this.$("strip").hidden = !feet;
+    this.$("apart").checked = data.apart; this.$("apart").parentElement.hidden = this.takes.length < 2;
+    this.$("scrub").max = Math.round(this.duration * this.fps);
+    for (const id of ["play", "back", "on", "scrub"]) this.$(id).disabled = !this.playing;
+    if (!this.playing) this.$("play").textContent = "Play";
     this.measure(); this.arrange(); this.reset(); this.label(); this.listen();
-    new ResizeObserver(() => { this.dirty = true; }).observe($("stage"));
+    new ResizeObserver(() => { this.dirty = true; }).observe(this.$("stage"));
+    // Within a longer page nothing is drawn while it is out of sight, and nothing moves where that is not wanted.
+    this.inSight = true;
+    new IntersectionObserver((seen) => { this.inSight = seen[seen.length - 1].isIntersecting; }).observe(root);
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) this.play(false);
     this.dirty = true; this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
   }
+  $(part) { return this.root.querySelector(`[data-part=${part}]`); }
   measure() {
     this.height = 0; this.wide = 0; let travel = 0;
     for (const take of this.takes) {
@@ -38,7 +44,7 @@ class Viewer {
       for (const b of boxes) travel = Math.max(travel, Math.hypot(...sub(b[0], first[0])));
     }
     this.height = this.height || 1;
-    $("follow").checked = travel > this.height;
+    this.$("follow").checked = travel > this.height;
   }
   box(take, t) {
     let low = null, high = null;
@@ -51,7 +57,7 @@ class Viewer {
     return low && [low.map((v, i) => v - (skin ? skin[0][i] : 0)), high.map((v, i) => v + (skin ? skin[1][i] : 0))];
   }
   arrange() {
-    const apart = $("apart").checked, step = Math.max(1.1 * this.wide, 0.8 * this.height);
+    const apart = this.$("apart").checked, step = Math.max(1.1 * this.wide, 0.8 * this.height);
     this.takes.forEach((take, i) => { take.shift = [apart ? (i - (this.takes.length - 1) / 2) * step : 0, 0, 0]; });
     this.dirty = true;
   }
@@ -62,53 +68,52 @@ class Viewer {
   }
   reset() {
     this.centre = this.middle(); this.pan = [0, 0, 0]; this.yaw = -1.1; this.pitch = 0.2;
-    const aspect = $("stage").clientWidth / ($("stage").clientHeight || 1);
-    const across = $("apart").checked ? this.takes.length * 0.8 : 1;
+    const aspect = this.$("stage").clientWidth / (this.$("stage").clientHeight || 1);
+    const across = this.$("apart").checked ? this.takes.length * 0.8 : 1;
     this.distance = 1.9 * this.height * Math.max(1, across / Math.max(aspect, 0.3));
-    if ($("apart").checked) this.yaw = -Math.PI / 2;
+    if (this.$("apart").checked) this.yaw = -Math.PI / 2;
     this.dirty = true;
   }
   label() {
-    $("legend").replaceChildren(...this.takes.map((take, i) => {
+    this.$("legend").replaceChildren(...this.takes.map((take, i) => {
       const line = document.createElement("div"), dot = document.createElement("i");
       if (this.takes.length > 1) { dot.style.background = css(TAKES[i % TAKES.length]); line.append(dot); }
       line.append(take.name); return line;
     }));
-    this.takes.forEach((take, i) => $("take").append(new Option(take.name, i)));
-    $("take").hidden = this.takes.length < 2;
+    this.takes.forEach((take, i) => this.$("take").append(new Option(take.name, i)));
+    this.$("take").hidden = this.takes.length < 2;
     this.listJoints();
   }
   listJoints() {
-    const take = this.takes[$("take").value || 0];
-    $("joint").replaceChildren(...take.names.map((name, j) => new Option(name, j)));
-    $("quantity").hidden = !take.quats;
-    if (!take.quats) $("quantity").value = "place";
+    const take = this.takes[this.$("take").value || 0];
+    this.$("joint").replaceChildren(...take.names.map((name, j) => new Option(name, j)));
+    this.$("quantity").hidden = !take.quats;
+    if (!take.quats) this.$("quantity").value = "place";
   }
   listen() {
     const redraw = () => { this.dirty = true; };
-    for (const id of ["mesh", "bones", "contacts", "joint", "quantity"]) $(id).addEventListener("change", redraw);
-    $("apart").addEventListener("change", () => { this.arrange(); this.reset(); });
-    $("follow").addEventListener("change", () => { this.pan = [0, 0, 0]; redraw(); });
-    $("curves").addEventListener("change", () => { $("plot").hidden = !$("curves").checked; redraw(); });
-    $("take").addEventListener("change", () => { this.listJoints(); redraw(); });
-    $("reset").addEventListener("click", () => this.reset());
-    $("play").addEventListener("click", () => this.play(!this.playing));
-    $("back").addEventListener("click", () => this.step(-1)); $("on").addEventListener("click", () => this.step(1));
-    $("speed").addEventListener("change", () => { this.speed = Number($("speed").value); });
-    $("scrub").addEventListener("input", () => { this.play(false); this.go($("scrub").value / this.fps); });
-    document.addEventListener("keydown", (event) => {
+    for (const id of ["mesh", "bones", "contacts", "joint", "quantity"]) this.$(id).addEventListener("change", redraw);
+    this.$("apart").addEventListener("change", () => { this.arrange(); this.reset(); });
+    this.$("follow").addEventListener("change", () => { this.pan = [0, 0, 0]; redraw(); });
+    this.$("curves").addEventListener("change", () => { this.$("plot").hidden = !this.$("curves").checked; redraw(); });
+    this.$("take").addEventListener("change", () => { this.listJoints(); redraw(); });
+    this.$("reset").addEventListener("click", () => this.reset());
+    this.$("play").addEventListener("click", () => this.play(!this.playing));
+    this.$("back").addEventListener("click", () => this.step(-1)); this.$("on").addEventListener("click", () => this.step(1));
+    this.$("speed").addEventListener("change", () => { this.speed = Number(this.$("speed").value); });
+    this.$("scrub").addEventListener("input", () => { this.play(false); this.go(this.$("scrub").value / this.fps); });
+    (this.page ? document : this.root).addEventListener("keydown", (event) => {
       if (/INPUT|SELECT|BUTTON/.test(event.target.tagName)) return;
-      if (event.key === " ") { this.play(!this.playing); event.preventDefault(); }
-      if (event.key === "ArrowLeft") this.step(-1);
-      if (event.key === "ArrowRight") this.step(1);
+      const keys = { " ": () => this.play(!this.playing), ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1) };
+      if (keys[event.key]) { keys[event.key](); event.preventDefault(); event.stopPropagation(); }
     });
     const scrub = (event) => {
       if (!event.buttons) return;
-      const box = $("graph").getBoundingClientRect();
+      const box = this.$("graph").getBoundingClientRect();
       this.play(false); this.go(clamp((event.clientX - box.left) / box.width, 0, 1) * this.duration);
     };
-    $("graph").addEventListener("pointerdown", scrub); $("graph").addEventListener("pointermove", scrub);
-    this.listenCamera($("stage"));
+    this.$("graph").addEventListener("pointerdown", scrub); this.$("graph").addEventListener("pointermove", scrub);
+    this.listenCamera(this.$("stage"));
   }
   listenCamera(stage) {
     const fingers = new Map();
@@ -132,38 +137,38 @@ class Viewer {
   }
   zoom(factor) { this.distance = clamp(this.distance * factor, 0.1 * this.height, 50 * this.height); this.dirty = true; }
   move(dx, dy) {
-    const s = this.distance * 0.8 / ($("stage").clientHeight || 1), right = [-Math.sin(this.yaw), Math.cos(this.yaw), 0];
+    const s = this.distance * 0.8 / (this.$("stage").clientHeight || 1), right = [-Math.sin(this.yaw), Math.cos(this.yaw), 0];
     this.pan = this.pan.map((v, i) => v - s * dx * right[i] + (i === 2 ? s * dy : 0));
   }
   play(on) {
     if (on && this.seconds >= this.duration) this.seconds = 0;
-    this.playing = on && this.duration > 0; $("play").textContent = this.playing ? "Pause" : "Play"; this.dirty = true;
+    this.playing = on && this.duration > 0; this.$("play").textContent = this.playing ? "Pause" : "Play"; this.dirty = true;
   }
   step(count) { this.play(false); this.go((Math.round(this.seconds * this.fps) + count) / this.fps); }
   go(seconds) { this.seconds = clamp(seconds, 0, this.duration); this.dirty = true; }
   tick(now) {
     const passed = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
-    if (this.playing) {
+    if (this.playing && this.inSight) {
       let next = this.seconds + this.speed * passed;
-      if (next > this.duration) { if ($("loop").checked) next %= this.duration; else { next = this.duration; this.play(false); } }
+      if (next > this.duration) { if (this.$("loop").checked) next %= this.duration; else { next = this.duration; this.play(false); } }
       this.go(next);
     }
-    if (this.dirty) {
+    if (this.dirty && this.inSight) {
       this.dirty = false;
       const start = performance.now();
       this.draw();
       const cost = performance.now() - start;
       this.cost = this.cost ? 0.9 * this.cost + 0.1 * cost : cost;
-      document.documentElement.dataset.state = "ready"; document.documentElement.dataset.ms = this.cost.toFixed(2);
+      this.root.dataset.state = "ready"; this.root.dataset.ms = this.cost.toFixed(2);
     }
     requestAnimationFrame((time) => this.tick(time));
   }
   draw() {
-    const stage = $("stage"), ratio = Math.min(2, window.devicePixelRatio || 1);
+    const stage = this.$("stage"), ratio = Math.min(2, window.devicePixelRatio || 1);
     const size = [stage.clientWidth, stage.clientHeight].map((v) => Math.max(1, Math.round(v * ratio)));
     if (stage.width !== size[0] || stage.height !== size[1]) [stage.width, stage.height] = size;
-    if ($("follow").checked) this.centre = this.middle();
+    if (this.$("follow").checked) this.centre = this.middle();
     const target = this.centre.map((v, i) => v + this.pan[i]), far = Math.cos(this.pitch) * this.distance;
     const eye = [target[0] + far * Math.cos(this.yaw), target[1] + far * Math.sin(this.yaw), target[2] + this.distance * Math.sin(this.pitch)];
     const view = product(perspective(0.75, size[0] / size[1], 0.02 * this.distance, 60 * this.distance), lookAt(eye, target));
@@ -173,15 +178,15 @@ class Viewer {
     // The floor hides nothing.
     gl.depthMask(false); painter.drawLines(this.grid(target), ratio); gl.depthMask(true);
     this.takes.forEach((take, i) => {
-      const t = take.frame(this.seconds), mesh = take.meshes.length && $("mesh").checked;
+      const t = take.frame(this.seconds), mesh = take.meshes.length && this.$("mesh").checked;
       if (mesh) painter.drawMeshes(take, t);
-      if (!mesh || $("bones").checked) this.figure(take, t, i, lines, points);
-      if (take.feet && $("contacts").checked) for (let k = 0; k < 4; k++) {
+      if (!mesh || this.$("bones").checked) this.figure(take, t, i, lines, points);
+      if (take.feet && this.$("contacts").checked) for (let k = 0; k < 4; k++) {
         const p = take.foot(t, k);
         if (p) feet.push([p, SIDES[k < 2 ? 1 : 2].slice(0, 3).concat(0.85), 15]);
       }
     });
-    if ($("mesh").checked && $("bones").checked) gl.clear(gl.DEPTH_BUFFER_BIT);
+    if (this.$("mesh").checked && this.$("bones").checked) gl.clear(gl.DEPTH_BUFFER_BIT);
     painter.drawLines(lines, 4 * ratio); painter.drawPoints(points, ratio);
     // Where feet stand is seen through them.
     gl.disable(gl.DEPTH_TEST); painter.drawPoints(feet, ratio); gl.enable(gl.DEPTH_TEST);
@@ -204,10 +209,10 @@ class Viewer {
   }
   drawTime() {
     const frame = Math.round(this.seconds * this.fps);
-    $("scrub").value = frame;
-    $("time").textContent = `${this.seconds.toFixed(2)} / ${this.duration.toFixed(2)} s, frame ${frame + 1} of ${Number($("scrub").max) + 1}`;
-    if (!$("strip").hidden) this.drawStrip();
-    if (!$("plot").hidden) this.drawCurves();
+    this.$("scrub").value = frame;
+    this.$("time").textContent = `${this.seconds.toFixed(2)} / ${this.duration.toFixed(2)} s, frame ${frame + 1} of ${Number(this.$("scrub").max) + 1}`;
+    if (!this.$("strip").hidden) this.drawStrip();
+    if (!this.$("plot").hidden) this.drawCurves();
   }
   flat(canvas) {
     const ratio = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
@@ -217,7 +222,7 @@ class Viewer {
     return [c, w, h];
   }
   drawStrip() {
-    const [c, w, h] = this.flat($("strip")), shown = this.takes.filter((take) => take.feet), row = h / (2 * shown.length);
+    const [c, w, h] = this.flat(this.$("strip")), shown = this.takes.filter((take) => take.feet), row = h / (2 * shown.length);
     const whole = this.duration || 1;
     shown.forEach((take, i) => {
       for (let side = 0; side < 2; side++) {
@@ -232,9 +237,9 @@ class Viewer {
     c.fillStyle = "#fff"; c.fillRect(clamp(this.seconds / whole * w, 0, w - 1), 0, 1, h);
   }
   drawCurves() {
-    const [c, w, h] = this.flat($("graph")), take = this.takes[$("take").value || 0], j = Number($("joint").value);
+    const [c, w, h] = this.flat(this.$("graph")), take = this.takes[this.$("take").value || 0], j = Number(this.$("joint").value);
     const shift = take.shift;
-    const at = $("quantity").value === "turn" && take.quats ? (t) => take.turn(t, j) : (t) => { const p = take.place(t, j); return p && sub(p, shift); };
+    const at = this.$("quantity").value === "turn" && take.quats ? (t) => take.turn(t, j) : (t) => { const p = take.place(t, j); return p && sub(p, shift); };
     const every = Math.max(1, Math.ceil(take.frames / (2 * w))), values = [];
     for (let t = 0; t < take.frames; t += every) values.push([t, at(t)]);
     const all = values.flatMap(([, v]) => v || []);
@@ -250,7 +255,7 @@ class Viewer {
     c.fillStyle = "#a4adb6"; c.font = "11px system-ui"; c.fillText(high.toFixed(2), 2, 12); c.fillText(low.toFixed(2), 2, h - 3);
     c.fillStyle = "#fff"; c.fillRect(this.seconds / whole * w, 0, 1, h);
     const now = at(take.frame(this.seconds));
-    $("values").replaceChildren(...AXES.map((colour, i) => {
+    this.$("values").replaceChildren(...AXES.map((colour, i) => {
       const text = document.createElement("span");
       text.style.color = colour; text.textContent = `${"xyz"[i]} ${now ? now[i].toFixed(3) : "missing"}`;
       return text;
@@ -258,9 +263,13 @@ class Viewer {
   }
 }
 
-try {
-  window.viewer = new Viewer(JSON.parse($("data").textContent));
-} catch (error) {
-  $("message").hidden = false; $("message").textContent = error.message;
-  document.documentElement.dataset.state = "failed";
+for (const root of document.querySelectorAll(".viewer")) {
+  const data = root.querySelector("script[type='application/json']");
+  try {
+    root.viewer = new Viewer(root, JSON.parse(data.textContent), root.parentElement === document.body);
+  } catch (error) {
+    const message = root.querySelector("[data-part=message]");
+    message.hidden = false; message.textContent = error.message;
+    root.dataset.state = "failed";
+  }
 }

@@ -44,7 +44,7 @@ def walk(tmp_path: Path) -> Path:
 
 
 def embedded(page: str) -> dict:
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)
+    found = re.search(r'<script type="application/json" data-part="data">(.*?)</script>', page, re.S)
     assert found is not None
     return json.loads(found[1])
 
@@ -92,7 +92,7 @@ def test_page_is_small_and_asks_for_nothing_elsewhere(walk: Path) -> None:
     scene = read_scene(walk)
     page = render_page([scene])
     assert len(page) - len(json.dumps(scene.packed)) < MOST_BYTES
-    for name in ("viewer.html", "viewer.css", "maths.js", "drawing.js", "viewer.js"):
+    for name in ("viewer.html", "component.html", "viewer.css", "maths.js", "drawing.js", "viewer.js"):
         assert not re.search(r"https?://|\bfetch\(|@import|<link rel=.style|src=", read_asset(name))
 
 

@@ -1,0 +1,99 @@
+"""The motion of a run put onto a character as well: its file goes into the results folder, and reports show it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from muybridge.errors import MuybridgeError
+from muybridge.infer.pipelines.retarget import (
+    Target,
+    clip_names,
+    find_takes,
+    output_paths,
+    read_run_target,
+    retarget_results,
+)
+from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
+from muybridge.infer.results.run import Run
+from muybridge.infer.viewer import Scene, read_scene
+from muybridge.motion.formats.registry import ReadOptions, can_use
+from muybridge.motion.robots.read import is_robot
+
+# A report with a larger character opens slowly or not at all.
+MOST_BYTES = 30_000_000
+
+
+@dataclass(frozen=True)
+class RunCharacter:
+    """A character that a run's motion is put onto.
+
+    Attributes:
+        target: the character, and the roles of its joints.
+    """
+
+    target: Target
+
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        return self.target.character.path
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every file that may be written into the results folder."""
+        takes = [Path(of_person(MOTION_BVH, n)) for n in range(1, MOST_PEOPLE + 1)]
+        clips = clip_names(takes, None, self.target.character.clips)
+        own = Path(self.path.name)
+        return tuple(dict.fromkeys(
+            str(path) for count in range(1, len(clips) + 1) for path in output_paths(own, self.path, clips[:count])
+        ))  # fmt: skip
+
+    def put_on(self, run: Run) -> dict[int, Scene]:
+        """Write the character with the motion of everyone in the results folder.
+
+        Args:
+            run: which wrote the motion.
+
+        Returns:
+            What the report of each person shows, by number; not of characters that are too large for a page.
+
+        Raises:
+            MuybridgeError: the motion cannot be put onto the character.
+        """
+        folder = run.output.path
+        for notice in retarget_results(folder, self.target):
+            run.progress.notice(notice)
+        takes = find_takes([folder])
+        clips = clip_names(takes, None, self.target.character.clips)
+        paths = output_paths(Path(self.path.name), self.path, clips)
+        run.written.extend(str(path) for path in paths)
+        numbers = {of_person(MOTION_BVH, n): n for n in range(1, MOST_PEOPLE + 1)}
+        scenes = {}
+        for k, (take, clip) in enumerate(zip(takes, clips, strict=True)):
+            path = paths[0] if len(paths) == 1 else paths[k]
+            scene = read_scene(folder / path, ReadOptions(clip=clip if can_use(path, "clip") else None))
+            if len(json.dumps(scene.packed)) <= MOST_BYTES:
+                scenes[numbers[take.name]] = scene
+            else:
+                run.progress.notice(f"{path} is too large to be shown in the report; `muybridge view` shows it")
+        return scenes
+
+
+def read_run_character(path: Path) -> RunCharacter:
+    """The character of a file, read before any other work.
+
+    Raises:
+        MuybridgeError: it cannot be written into a results folder as one file, has the name of another result, is a
+            robot, or has no human body.
+    """
+    if is_robot(path):
+        raise MuybridgeError(
+            f"{path}: is a robot, whose motion is made from the results: `muybridge run SESSION`, then `muybridge "
+            f"retarget SESSION --to {path}`"
+        )
+    character = RunCharacter(read_run_target(path))
+    results = {of_person(name, n) for name in PERSONAL for n in range(1, MOST_PEOPLE + 1)}
+    taken = sorted(results & set(character.names))
+    if taken:
+        raise MuybridgeError(f"{path}: would be written as {taken[0]}, which is another result; rename it")
+    return character
