@@ -9,6 +9,7 @@ from muybridge.infer.pipelines.convert import Filter, FilterChoice, filter_take,
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
+from muybridge.wording import counted
 
 Units = Literal["m", "dm", "cm", "mm", "in", "cmu"]
 Up = Literal["y", "z"]
@@ -63,5 +64,5 @@ def convert(
     write_file(target, take, to_units)
     points = take.positions
     count = f"{len(points.landmarks)} {'joints' if take.motion is not None else 'points'}"
-    print(f"{target}: {len(points.points_world)} frames at {points.fps:.6g} fps, {count}")
+    print(f"{target}: {counted(len(points.points_world), 'frame')} at {points.fps:.6g} fps, {count}")
     return 0

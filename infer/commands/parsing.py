@@ -86,9 +86,45 @@ def parse(command: Callable[..., Any], name: str, words: Sequence[str]) -> Call:
         ValueError: an options class refused a value.
     """
     everything = not {"-h", "--help"} & set(words)
-    words = ["--help" if word == "--help-all" else word for word in words]
+    words = _options_last(command, ["--help" if word == "--help-all" else word for word in words])
     call: Call = tyro.cli(_target(command), prog=f"muybridge {name}", args=words, **settings(command, everything))
     return call
+
+
+def _options_last(command: Callable[..., Any], words: Sequence[str]) -> Sequence[str]:
+    """The words with options behind all others, since argparse takes what stands behind an option for unknown.
+
+    Nothing is moved where an option is none of the function's own, or `--` says where words begin.
+    """
+    hints = get_type_hints(command)
+    flags = {"help", "help_all", "verbose", "quiet", "v", "q", "vv", "h"} | {n for n, h in hints.items() if h is bool}
+    flags |= {f"no_{name}" for name in flags}
+    named = {p.name for p in inspect.signature(command).parameters.values() if p.kind is not p.POSITIONAL_ONLY}
+    renamed = {_option_name(hint): name for name, hint in get_type_hints(command, include_extras=True).items()}
+    plain: list[str] = []
+    options: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if not word.startswith("-") or re.fullmatch(r"-\.?\d.*", word):
+            plain.append(word)
+            continue
+        name, equals, _ = word.lstrip("-").replace("-", "_").partition("=")
+        name = renamed.get(name, name)
+        options.append(word)
+        if name in flags:
+            continue
+        if name not in named:
+            return words
+        if not equals and rest:
+            options.append(rest.pop(0))
+    return [*plain, *options]
+
+
+def _option_name(hint: Any) -> str | None:
+    """What an option is called where not as its parameter."""
+    names = (getattr(a, "name", None) for a in getattr(hint, "__metadata__", ()))
+    return next((name.replace("-", "_") for name in names if name), None)
 
 
 def settings(command: Callable[..., Any], everything: bool = True) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """The commands `run`, `run-markers` and `demo`."""
 
-import sys
-import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from muybridge.errors import MuybridgeError, SessionError
-from muybridge.infer.commands.remedies import error_line
+from muybridge.errors import SessionError
+from muybridge.infer.commands.each import try_each
 from muybridge.infer.pipelines.demo import run_demo
 from muybridge.infer.pipelines.marker_videos import run_marker_session
 from muybridge.infer.pipelines.videos import RunOptions, run_session, summary
@@ -139,26 +137,16 @@ def run_each(jobs: Sequence[tuple[Path, Path | None]], work: Callable[[Path, Pat
     Raises:
         MuybridgeError: the only session failed.
     """
-    if len(jobs) == 1:
-        print(work(*jobs[0]))
-        return 0
-    failed: list[Path] = []
-    bug = False
-    for path, out in jobs:
-        try:
-            print(work(path, out), flush=True)
-        except MuybridgeError as error:
-            print(f"error: {error_line(error)}", file=sys.stderr, flush=True)
-            failed.append(path)
-        except Exception:
-            traceback.print_exc()
-            failed.append(path)
-            bug = True
-    print(f"{len(jobs) - len(failed)} of {len(jobs)} sessions done", flush=True)
-    if failed:
-        names = ", ".join(str(p) for p in failed)
-        print(f"error: {len(failed)} of {len(jobs)} sessions failed: {names}; see above", file=sys.stderr)
-    return 1 if bug else 2 if failed else 0
+    places = dict(jobs)
+
+    def one(path: Path) -> None:
+        print(work(path, places[path]), flush=True)
+
+    tried = try_each([path for path, _ in jobs], one)
+    if len(jobs) > 1:
+        print(f"{len(tried.done)} of {len(jobs)} sessions done", flush=True)
+    tried.report_failures("sessions")
+    return tried.exit_code
 
 
 def demo(out: Path = Path("muybridge-demo"), overwrite: bool = False) -> int:

@@ -13,7 +13,6 @@ import sys
 import tempfile
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.fitting import _banded_kernel as ik_band
 from muybridge.geometry.landmarks.arrays import Keypoints2D
 from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.smoothing import _kernel as smoothing_kernel
 from muybridge.geometry.triangulation import _kernel as triangulation_kernel
 from muybridge.infer.demo_take.take import demo_folder, true_points
@@ -63,13 +63,6 @@ class CompiledAhead:
         if self.process is not None:
             self.process.kill()
             self.process.wait()
-
-
-def is_compiled(kernel: Any) -> bool:
-    """Whether a kernel is in numba's cache, or cannot be: without a cache, compiling ahead is useless."""
-    folder = getattr(getattr(kernel, "stats", None), "cache_path", None)
-    module = kernel.__module__.rpartition(".")[2]
-    return folder is None or any(Path(folder).glob(f"{module}.{kernel.__name__}-*.nbi"))
 
 
 def compile_now() -> None:

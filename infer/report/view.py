@@ -23,6 +23,7 @@ from muybridge.infer.report.figures import (
 )
 from muybridge.infer.report.findings import Finding, findings, sort_findings, verdict
 from muybridge.infer.runtime.wording import readable
+from muybridge.wording import counted
 
 _FILES: Mapping[str, str] = {
     ".trc": "3D points (OpenSim, Pose2Sim)",
@@ -113,8 +114,8 @@ class ReportView:
         points = self._data.points
         frames = len(points.points_world)
         facts = (
-            *([f"{len(self.cameras)} cameras"] if self.cameras else []),
-            f"{frames} frames",
+            *([counted(len(self.cameras), "camera")] if self.cameras else []),
+            counted(frames, "frame"),
             f"{points.fps:g} frames/s",
             f"{frames / points.fps:.2f} s",
         )

@@ -7,6 +7,7 @@ is replaced only with `overwrite`, input files never, and the root of a file sys
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from muybridge.errors import OutputError
@@ -21,7 +22,7 @@ _MARK = re.compile(
 
 
 def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> None:
-    """Refuse files that cannot or may not be written; makes their folders.
+    """Refuse files that cannot or may not be written; missing folders are made by who writes the files.
 
     Args:
         paths: files that will be written, and folders that will receive files.
@@ -42,7 +43,18 @@ def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iter
             raise OutputError(
                 f"{path} is there already and was not made by muybridge, or has no mark of it", remedy="overwrite"
             )
-        make_writable(path.parent)
+        _check_writable(path.parent)
+
+
+def _check_writable(folder: Path) -> None:
+    """Raise as `make_writable` does, and leave no new folder behind: what follows may still fail."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        make_writable(folder)
+    finally:
+        with suppress(OSError):
+            for each in made:
+                each.rmdir()
 
 
 def refuse_root(path: Path) -> None:

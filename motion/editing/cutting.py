@@ -22,8 +22,12 @@ def trim_frames(thing: Motion | Points3D, start: float = 0.0, end: float | None 
     count, last = frame_count(thing), duration(thing)
     end = last if end is None else end
     a, b = round(start * thing.fps), round(end * thing.fps)
-    if a < 0 or b > count:
-        raise MuybridgeError(f"there is nothing from {start:g} to {end:g} s: the clip is from 0 to {last:g} s")
+    if a < 0:
+        raise MuybridgeError(f"the clip begins at 0 s, after {start:g} s")
+    if b > count:
+        raise MuybridgeError(f"the clip ends at {last:g} s, before {end:g} s; without an end, all to its end is kept")
+    if a >= count:
+        raise MuybridgeError(f"the clip ends at {last:g} s, so no frame is left from {start:g} s on")
     if b <= a:
         raise MuybridgeError(f"no frame is left from {start:g} to {end:g} s: the end must be later than the start")
     return a, b

@@ -24,6 +24,7 @@ from muybridge.geometry.numerics.rotations import (
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.editing.channels import check_editable, per_channel, placed
 from muybridge.motion.editing.root_path import GroundPath, ground_path
+from muybridge.wording import counted
 
 Travel = Literal["auto", "keep", "close"]
 _FEWEST = 5  # frames: two at either end, whose velocities are matched, and one between them
@@ -81,12 +82,15 @@ def find_loop(motion: Motion, shortest: float | None = None, longest: float | No
         MuybridgeError: the clip is too short, or the lengths are none of it.
     """
     check_editable(motion)
+    for what, seconds in (("shortest", shortest), ("longest", longest)):
+        if seconds is not None and not seconds > 0:
+            raise MuybridgeError(f"the {what} loop must last longer than 0 s, not {seconds:g} s")
     last = len(motion) - 1
     low = last // 2 if shortest is None else round(shortest * motion.fps)
     high = last if longest is None else round(longest * motion.fps)
     low = max(low, _FEWEST - 1)
     if last < _FEWEST - 1:
-        raise MuybridgeError(f"the clip has {last + 1} frames, and a loop needs at least {_FEWEST}")
+        raise MuybridgeError(f"the clip has {counted(last + 1, 'frame')}, and a loop needs at least {_FEWEST}")
     if low > last:
         raise MuybridgeError(f"a loop of {low / motion.fps:g} s does not fit the clip of {last / motion.fps:g} s")
     if high < low:
@@ -170,7 +174,7 @@ def close_loop(motion: Motion, travel: Travel = "auto") -> Motion:
     """
     check_editable(motion)
     if len(motion) < _FEWEST:
-        raise MuybridgeError(f"the clip has {len(motion)} frames, and a loop needs at least {_FEWEST}")
+        raise MuybridgeError(f"the clip has {counted(len(motion), 'frame')}, and a loop needs at least {_FEWEST}")
     way = kept_way(motion, travel)
     c, s = np.cos(-way.yaw), np.sin(-way.yaw)
     x, y = way.places.T

@@ -27,6 +27,7 @@ def turn(thing: T, angle: float, about: About = "start") -> T:
     """
     check_editable(thing)
     _check_numbers("the angle", angle)
+    angle = float(np.remainder(angle + np.pi, 2 * np.pi) - np.pi) if abs(angle) > 2 * np.pi else angle
     centre = start_place(thing) * (1.0, 1.0, 0.0) if about == "start" else np.zeros(3)
     c, s = np.cos(angle), np.sin(angle)
     turned = np.array([c * centre[0] - s * centre[1], s * centre[0] + c * centre[1], 0.0])

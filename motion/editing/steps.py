@@ -23,7 +23,9 @@ from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, m
 from muybridge.motion.editing.channels import check_editable, duration, frame_count
 from muybridge.motion.editing.mirroring import mirror, rest_images
 from muybridge.motion.editing.pairing import find_sides, pair_names
+from muybridge.motion.formats.points.world import FARTHEST
 from muybridge.motion.take import Take
+from muybridge.wording import counted
 
 # From a take and the step's values to the edited take and a sentence on what was done.
 Apply = Callable[..., tuple[Take, str]]
@@ -96,7 +98,7 @@ def _trim(take: Take, start: float, end: float | None) -> tuple[Take, str]:
 def _resample(take: Take, fps: float) -> tuple[Take, str]:
     thing = _of(take)
     out = _edited(take, resampling.resample, fps)
-    return out, f"{thing.fps:g} to {fps:g} frames/s, {frame_count(thing)} to {frame_count(_of(out))} frames"
+    return out, f"{thing.fps:g} to {fps:g} frames/s, {frame_count(thing)} to {counted(frame_count(_of(out)), 'frame')}"
 
 
 def _mirror(take: Take, plane: str) -> tuple[Take, str]:
@@ -105,20 +107,21 @@ def _mirror(take: Take, plane: str) -> tuple[Take, str]:
         names = take.points.landmarks.names
         pairs = pair_names(names)
         first = f", such as {names[next(iter(pairs))]} with {names[next(iter(pairs.values()))]}" if pairs else ""
-        note = f"{len(pairs)} pairs of points exchanged{first}; {len(names) - 2 * len(pairs)} have no counterpart"
+        alone = len(names) - 2 * len(pairs)
+        note = f"{counted(len(pairs), 'pair')} of points exchanged{first}; {alone} without a counterpart"
         return _edited(take, mirror, plane), note
     skeleton = take.motion.skeleton
     sides = find_sides(skeleton)
     pairs = {j: p for j, p in enumerate(sides.partner) if p > j}
     a, b = next(iter(pairs.items()))
     how = ", ".join(f"{count} by {source}" for source, count in sides.how.items() if count)
-    note = (f"{len(pairs)} pairs of joints exchanged ({how}), such as {skeleton.names[a]} with "
+    note = (f"{counted(len(pairs), 'pair')} of joints exchanged ({how}), such as {skeleton.names[a]} with "
             f"{skeleton.names[b]}; {len(skeleton) - 2 * len(pairs)} in the middle")  # fmt: skip
     if sides.alone:
         note += f", of which without a counterpart {', '.join(skeleton.names[j] for j in sides.alone[:5])}"
     angle = np.degrees(rest_images(skeleton, sides).largest_angle)
     if angle > 1:
-        note += f"; the sides of the rest pose differ by up to {angle:.0f} degrees, which is allowed for"
+        note += f"; the sides of the rest pose differ by up to {counted(round(angle), 'degree')}, which is allowed for"
     return _edited(take, mirror, plane), note
 
 
@@ -152,7 +155,7 @@ def _root_motion(take: Take, name: str | None, smoothing: float, turning: str) -
 def _of_path(path: root_path.GroundPath) -> str:
     length = float(np.linalg.norm(np.diff(path.places, axis=0), axis=1).sum())
     turned = round(float(np.degrees(path.yaw[-1] - path.yaw[0])))
-    return f"a path of {length:.2f} m with a turn of {turned} degrees is"
+    return f"a path of {length:.2f} m with a turn of {counted(turned, 'degree')} is"
 
 
 def _turn(take: Take, angle: float, about: placing.About) -> tuple[Take, str]:
@@ -177,7 +180,7 @@ def _plant(take: Take) -> tuple[Take, str]:
     except ValueError as error:  # legs that are not known
         raise MuybridgeError(str(error)) from error
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
-    note = (f"{count} contacts of heels and balls stand still; ankles are moved by at most "
+    note = (f"{counted(count, 'contact')} of heels and balls held still; ankles are moved by at most "
             f"{planted.moved_feet_m * 1e3:.0f} mm, the root by {planted.moved_root_m * 1e3:.0f} mm")  # fmt: skip
     return replace(take, motion=planted.motion, keys=None), note
 
@@ -201,8 +204,8 @@ def _rename(take: Take, profile: str) -> tuple[Take, str]:
     motion = _motion(take)
     new = naming.new_names(motion, profile)
     kept = [name for name in motion.skeleton.names if name not in new]
-    note = f"{len(new)} joints have the names of {profile}"
-    note += f"; without a name there, and kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
+    note = f"{counted(len(new), 'joint')} renamed to those of {profile}"
+    note += f"; unknown there, so kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
     return _edited(take, naming.rename_joints, profile), note
 
 
@@ -210,12 +213,12 @@ def _scale(take: Take, factor: float) -> tuple[Take, str]:
     return _edited(take, placing.scale, factor), f"by {factor:g}"
 
 
-_SMOOTHING = Parameter("smoothing", "time", "what is faster, such as swaying, is no path (0.3 s)", 0.3)
+_SMOOTHING = Parameter("smoothing", "time", "faster movements, such as swaying, stay with the body (0.3 s)", 0.3)
 STEPS: dict[str, Step] = {step.name: step for step in (
     Step("trim", "keep the frames from START up to END, in seconds", _trim, (
         Parameter("start", "time", "first time that is kept", required=True),
         Parameter("end", "time", "first time that is left out (the end of the clip)")), points=True),
-    Step("resample", "change the frames per second; the movement stays", _resample, (
+    Step("resample", "change the frame rate; the movement stays the same", _resample, (
         Parameter("fps", "frame rate", "frames per second", required=True),), points=True),
     Step("mirror", "exchange left and right", _mirror, (
         Parameter("plane", "name", "along the heading at the start, or the world's plane x = 0 or y = 0 (start)",
@@ -223,15 +226,15 @@ STEPS: dict[str, Step] = {step.name: step for step in (
     Step("loop", "cut where the clip repeats best and close the gap", _loop, (
         Parameter("shortest", "time", "shortest loop (half of the clip)"),
         Parameter("longest", "time", "longest loop (the whole clip)"),
-        Parameter("travel", "name", "what becomes of the way that one round goes (auto: kept if it is one)", "auto",
+        Parameter("travel", "name", "whether repeats travel on or close at the start (auto: on unless in place)", "auto",
                   choices=("auto", "keep", "close")))),
-    Step("in-place", "take the way over the ground out, as on a treadmill", _in_place, (
-        _SMOOTHING, Parameter("turning", "name", "what becomes of turning (keep)", "keep",
+    Step("in-place", "remove the travel over the ground, as on a treadmill", _in_place, (
+        _SMOOTHING, Parameter("turning", "name", "whether the body still turns (keep)", "keep",
                               choices=("keep", "remove")))),
-    Step("root-motion", "give the way over the ground to a root bone", _root_motion, (
+    Step("root-motion", "move the travel over the ground to a root bone", _root_motion, (
         _SMOOTHING, Parameter("turning", "name", "whether the bone turns with the body (follow)", "follow",
                               choices=("follow", "ignore")),
-        Parameter("name", "name", "of the bone, where there is none above the hips yet (root)"))),
+        Parameter("name", "name", "of the new bone, where there is none above the hips yet (root)"))),
     Step("turn", "turn about the vertical, in degrees, counter-clockwise from above", _turn, (
         Parameter("angle", "angle", "degrees; 90 is a quarter of a turn to the left", required=True),
         Parameter("about", "name", "where the body starts, or the origin (start)", "start",
@@ -239,19 +242,19 @@ STEPS: dict[str, Step] = {step.name: step for step in (
     Step("move", "move by metres along the world's axes, z up", _move, (
         Parameter("x", "length", "metres (0)", 0.0), Parameter("y", "length", "metres (0)", 0.0),
         Parameter("z", "length", "metres up (0)", 0.0),
-        Parameter("start", "name", "origin: the start is put over the origin first (here)", "here",
+        Parameter("start", "name", "from where: here, or origin to put the start over the origin first (here)", "here",
                   choices=("here", "origin"))), points=True),
-    Step("floor", "move up or down until the lowest point is at a height", _floor, (
+    Step("floor", "move up or down until the lowest point is on the floor", _floor, (
         Parameter("height", "length", "metres of the lowest joint, bone end or point (0)", 0.0),), points=True),
-    Step("plant", "hold heels and balls of the feet still while they stand", _plant),
-    Step("smooth", "filter over time, without delay", _smooth, (
-        Parameter("cutoff", "frequency", "Hz, of butterworth (found by residual analysis)"),
+    Step("plant", "lock heels and balls of the feet to the ground while they stand", _plant),
+    Step("smooth", "smooth over time, without delay", _smooth, (
+        Parameter("cutoff", "frequency", "in Hz, for butterworth only (found by residual analysis)"),
         Parameter("method", "name", "the filter (butterworth)", "butterworth", choices=tuple(METHODS))), points=True),
-    Step("reduce", "leave out keys within a tolerance in mm and degrees", _reduce, (
-        Parameter("tolerance", "small length", "millimetres that a joint may be off (1)", 1e-3),
-        Parameter("angle", "angle", "degrees that a joint may be turned (0.5)", float(np.radians(0.5))))),
-    Step("rename", "give the joints the names of another program", _rename, (
-        Parameter("profile", "name", "whose names", required=True, choices=tuple(PROFILES)),)),
+    Step("reduce", "remove keys that are not needed", _reduce, (
+        Parameter("tolerance", "small length", "how far any joint may move, in millimetres (1)", 1e-3),
+        Parameter("angle", "angle", "how far any joint may turn, in degrees (0.5)", float(np.radians(0.5))))),
+    Step("rename", "rename the joints to those of another program", _rename, (
+        Parameter("profile", "name", "the program", required=True, choices=tuple(PROFILES)),)),
     Step("scale", "scale bones and paths by a factor", _scale, (
         Parameter("factor", "factor", "above zero; 120% is 1.2", required=True),), points=True),
 )}  # fmt: skip
@@ -311,7 +314,19 @@ def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:
         except MuybridgeError as error:
             raise error.about(label) from error
         thing = _of(take)
+        _check_room(label, thing)
         if before is not None and take.c3d is None and (before.events or before.analog or before.force_platforms):
             note += "; events, analog channels and force plates of the C3D are left out"
-        notes.append(f"{label}: {note} ({frame_count(thing)} frames, {duration(thing):.3f} s)")
+        notes.append(f"{label}: {note} ({counted(frame_count(thing), 'frame')}, {duration(thing):.3f} s)")
     return take, notes
+
+
+def _check_room(label: str, thing: Motion | Points3D) -> None:
+    """Check that a take can still be read when it is written: `check_room` refuses what is farther away."""
+    if isinstance(thing, Points3D):
+        places = np.nan_to_num(thing.points_world)
+    else:
+        places = np.concatenate([thing.root_positions_world, thing.skeleton.offsets])
+    farthest = float(np.abs(places).max())
+    if not farthest <= FARTHEST:
+        raise MuybridgeError(f"{label}: takes the body {farthest:.3g} m away; {FARTHEST:g} m are the most")

@@ -171,7 +171,7 @@ def read_file(path: Path, options: ReadOptions | None = None) -> Take:
         raise FormatError(f"{path}: no such file; give an existing one")
     for name, value in vars(options).items():
         if value is not None and not can_use(path, name):
-            raise FormatError(f"{path}: {name}={value} is nothing that {suffix} leaves open", remedy="option_unused",
+            raise FormatError(f"{path}: {name}={value} does not apply to {suffix} files", remedy="option_unused",
                               option=name)  # fmt: skip
     read = FORMATS[suffix].read
     assert read is not None

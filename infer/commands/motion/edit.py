@@ -15,6 +15,7 @@ from muybridge.motion.editing.channels import duration, frame_count
 from muybridge.motion.editing.steps import STEPS, edit_take, parse_steps
 from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
 from muybridge.motion.take import Take
+from muybridge.wording import counted
 
 COMMON_OPTIONS = {"edit": ("dry_run", "overwrite", "clip", "fps", "units")}
 
@@ -33,8 +34,8 @@ def edit(
 ) -> int:
     """Edit motion or points: trim, loop, mirror, smooth and more, in one go.
 
-    The first word is the file to read, the last one the file to write, in any formats; between them stand the steps,
-    each with its arguments, and are done in this order. Options stand before or behind all of them.
+    The first word is the file to read, the last one the file to write, in any formats; the steps stand between
+    them, each with its arguments, and are done in this order.
 
     Arguments in brackets may be left out; `name=value` says which one a value is for. Times are in seconds, or in
     frames (`12f`); lengths in metres (`5cm`, `2mm`), those of `reduce` in millimetres; angles in degrees. The steps:
@@ -60,16 +61,24 @@ def edit(
     source, steps, target = _split(words)
     calls = parse_steps(steps)
     check_writable(target)
+    if not source.is_file():
+        raise MuybridgeError(f"{source}: no such file; give an existing one")
+    progress = Progress()
     if not dry_run:
         check_replaceable(written_files(target), overwrite, read_files(source, asf))
     elif source.resolve() == target.resolve():
         raise MuybridgeError(f"{target} is the file to be read", remedy="other_name")
+    elif target.exists() and not overwrite:
+        progress.notice(f"{target} is there already; without --dry-run, --overwrite is needed")
     take = read_file(source, ReadOptions(units, up, fps, asf, clip))
-    progress = Progress()
     for notice in take.notices:
         progress.notice(notice)
     take, notes = edit_take(take, calls)
     print("\n".join(notes))
+    if take.keys is None and any(call.step.name == "reduce" for call in calls):
+        progress.notice("a step behind `reduce` put its keys back; do it last")
+    elif take.keys is not None and target.suffix.lower() != ".glb":
+        progress.notice(f"{target.name}: has a key in each frame, since of all formats only .glb stores single keys")
     if not dry_run:
         write_file(target, take, to_units)
     print(f"{target}: {'would have' if dry_run else 'has'} {_contents(take)}")
@@ -97,8 +106,8 @@ def _split(words: tuple[str, ...]) -> tuple[Path, tuple[str, ...], Path]:
 def _contents(take: Take) -> str:
     points = take.positions
     thing = points if take.motion is None else take.motion
-    count = f"{len(points.landmarks)} {'joints' if take.motion is not None else 'points'}"
-    return f"{frame_count(thing)} frames at {thing.fps:.6g} fps ({duration(thing):.3f} s), {count}"
+    count = counted(len(points.landmarks), "joint" if take.motion is not None else "point")
+    return f"{counted(frame_count(thing), 'frame')} at {thing.fps:.6g} fps ({duration(thing):.3f} s), {count}"
 
 
 def _steps_text() -> str:

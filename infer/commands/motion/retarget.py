@@ -6,12 +6,14 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
+from muybridge.files import replacing
+from muybridge.infer.commands.each import try_each
+from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot, takes_of
 from muybridge.infer.pipelines.retarget import (
+    Placed,
     check_output,
     clip_names,
     describe_roles,
-    find_takes,
     measures,
     output_paths,
     place,
@@ -21,10 +23,12 @@ from muybridge.infer.pipelines.retarget import (
 )
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
+from muybridge.motion.formats.points.common import check_fps
+from muybridge.motion.formats.registry import can_use
 from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.motion.robots.read import is_robot
 
-COMMON_OPTIONS = {"retarget": ("to", "out", "map", "suggest_map", "clip_name", "overwrite")}
+COMMON_OPTIONS = {"retarget": ("to", "out", "map", "suggest_map", "clip_name", "take_clip", "plant", "overwrite")}
 
 
 def retarget(
@@ -68,7 +72,14 @@ def retarget(
     """
     if out is not None:
         refuse_root(out)
+    check_fps(fps)
+    if clip_name is not None and not clip_name.strip():
+        raise MuybridgeError("--clip-name is empty; leave it out for the name of the take's file")
     if is_robot(to):
+        if clip_name is not None or not plant:
+            raise MuybridgeError(
+                "a robot's motion has no clips, and its feet are always planted; leave out --clip-name and --no-plant"
+            )
         return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
     target = read_target(to, map)
     progress = Progress()
@@ -77,24 +88,36 @@ def retarget(
     if suggest_map:
         path = out or Path(f"{to.stem}.map.toml")
         check_replaceable([path], overwrite, [to])
-        path.write_text(suggest(target), encoding="utf-8", newline="\n")
+        with replacing(path) as temporary:
+            temporary.write_text(suggest(target), encoding="utf-8", newline="\n")
         print(f"{describe_roles(target)}\n{path}: correct what is wrong in it, and give it with --map")
         return 0
     target.roles.require(str(to))
-    files = find_takes(takes)
-    if not files:
-        raise MuybridgeError("no take is named; name files of motion, folders of them, or session folders")
+    files = takes_of(takes, take_clip)
     names = clip_names(files, clip_name, target.character.clips)
     paths = output_paths(out, to, names)
     check_output(paths, to)
     check_replaceable(paths, overwrite, [to, *files])
     print(describe_roles(target))
     options = RetargetOptions(plant=plant)
-    placed = [place(file, target, name, options, fps, take_clip, take_map)
-              for file, name in zip(files, names, strict=True)]  # fmt: skip
-    for notice in [n for one in placed for n in one.notices] + write_placed(placed, target, paths):
-        progress.notice(notice)
-    for one in placed:
-        print(measures(one, target))
-    print("\n".join(str(path) for path in paths))
-    return 0
+    name_of = dict(zip(files, names, strict=True))
+
+    def put(file: Path) -> Placed:
+        clip = take_clip if can_use(file, "clip") else None
+        one = place(file, target, name_of[file], options, fps, clip, take_map)
+        for notice in one.notices:
+            progress.notice(notice)
+        return one
+
+    tried = try_each(files, put)
+    placed = list(tried.done.values())
+    if len(paths) > 1:  # a file a take
+        paths = [path for file, path in zip(files, paths, strict=True) if file in tried.done]
+    if placed:
+        for notice in write_placed(placed, target, paths):
+            progress.notice(notice)
+        for one in placed:
+            print(measures(one, target))
+        print("\n".join(str(path) for path in paths))
+    tried.report_failures("takes")
+    return tried.exit_code

@@ -5,16 +5,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
+from muybridge.files import replacing
+from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.roles import load_role_map
+from muybridge.infer.commands.each import try_each
 from muybridge.infer.pipelines.retarget import find_takes, read_take
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.editing.resampling import resample
+from muybridge.motion.formats.registry import can_use
+from muybridge.motion.robots._solver_kernel import assemble
 from muybridge.motion.robots.link_roles import find_link_roles
 from muybridge.motion.robots.read import read_robot
 from muybridge.motion.robots.retarget import RobotOptions, RobotTake, retarget_to_robot
 from muybridge.motion.robots.robot import Robot
 from muybridge.motion.robots.write import ROBOT_OUTPUTS, check_robot_output, write_robot_motion
+from muybridge.wording import counted
 
 
 @dataclass(frozen=True)
@@ -63,21 +69,46 @@ def run_retarget_robot(request: RobotRequest) -> int:
     if request.suggest:
         path = request.out or Path(f"{request.to.stem}.map.toml")
         check_replaceable([path], request.overwrite, [request.to])
-        path.write_text(suggest_link_map(robot, parts.table(robot)), encoding="utf-8", newline="\n")
+        with replacing(path) as temporary:
+            temporary.write_text(suggest_link_map(robot, parts.table(robot)), encoding="utf-8", newline="\n")
         print(f"{path}: correct what is wrong in it, and give it with --map")
         return 0
-    files = find_takes(request.takes)
-    if not files:
-        raise MuybridgeError("no take is named; name files of motion, folders of them, or session folders")
-    outputs = robot_outputs(request.out, request.to, files)
-    check_replaceable([path for paths in outputs for path in paths], request.overwrite, [request.to, *files])
-    for file, paths in zip(files, outputs, strict=True):
-        take = _place(file, robot, chosen, request, progress)
-        for path in paths:
+    files = takes_of(request.takes, request.take_clip)
+    outputs = dict(zip(files, robot_outputs(request.out, request.to, files), strict=True))
+    check_replaceable([path for paths in outputs.values() for path in paths], request.overwrite, [request.to, *files])
+    if not is_compiled(assemble):
+        progress.say("compiling numerical kernels (first run only), which takes about a minute")
+
+    def put(file: Path) -> None:
+        with Progress() as shown:
+            take = _place(file, robot, chosen, request, shown)
+        for path in outputs[file]:
             write_robot_motion(path, take.motion)
         print(describe(file, take))
-        print("\n".join(str(path) for path in paths))
-    return 0
+        print("\n".join(str(path) for path in outputs[file]), flush=True)
+
+    tried = try_each(files, put)
+    tried.report_failures("takes")
+    return tried.exit_code
+
+
+def takes_of(paths: Sequence[Path], clip: str | None) -> list[Path]:
+    """The takes that paths name, each once.
+
+    Args:
+        paths: files of motion, folders of them, session and results folders.
+        clip: the animation to read.
+
+    Raises:
+        MuybridgeError: there is none, or none of them holds animations that `clip` could name.
+    """
+    files = list(dict.fromkeys(find_takes(paths)))
+    if not files:
+        raise MuybridgeError("no take is named; name files of motion, folders of them, or session folders")
+    if clip is not None and not any(can_use(file, "clip") for file in files):
+        raise MuybridgeError("none of the takes is of a format that holds several animations", remedy="option_unused",
+                             option="take-clip")  # fmt: skip
+    return files
 
 
 def suggest_link_map(robot: Robot, table: dict[str, str]) -> str:
@@ -113,20 +144,22 @@ def robot_outputs(out: Path | None, to: Path, takes: Sequence[Path]) -> list[lis
 def describe(file: Path, take: RobotTake) -> str:
     """One line on a take."""
     quality = take.quality
+    frames = counted(len(take.motion), "frame")
     return (
-        f"{file.stem}: {len(take.motion)} frames at {take.motion.fps:g} fps, path scaled by {take.targets.scale:.3g}, "
+        f"{file.stem}: {frames} at {take.motion.fps:g} fps, path scaled by {take.targets.scale:.3g}, "
         f"{quality.tracking_m * 1e3:.0f} mm from the targets, feet slide in {quality.sliding:.1%} of contact, "
-        f"links inside each other by over 10 mm in {quality.inside_frames} frames"
+        f"links inside each other by over 10 mm in {counted(quality.inside_frames, 'frame')}"
     )
 
 
 def _place(
     file: Path, robot: Robot, chosen: dict[str, str] | None, request: RobotRequest, progress: Progress
 ) -> RobotTake:
-    motion, roles, notices = read_take(file, request.take_clip, request.take_map)
+    motion, roles, notices = read_take(file, request.take_clip if can_use(file, "clip") else None, request.take_map)
     if request.fps and abs(request.fps - motion.fps) > 1e-6 * request.fps and len(motion) > 1:
         notices.append(f"{file.name}: resampled from {motion.fps:g} to {request.fps:g} frames per second, as asked")
         motion = resample(motion, request.fps)
     for notice in (*notices, *(f"{file.name}: {note}" for note in roles.notes)):
         progress.notice(notice)
-    return retarget_to_robot(motion, roles.roles, robot, RobotOptions(), chosen)
+    with progress.task(f"{file.name} on {robot.name}", len(motion)) as task:
+        return retarget_to_robot(motion, roles.roles, robot, RobotOptions(), chosen, task.advance)

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.files import cannot_write, temporary_path
+from muybridge.files import replacing
 from muybridge.infer.commands.convert import Units, Up
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
@@ -61,32 +61,23 @@ def view(
     given = {name: value for name, value in options.items() if value is not None}
     for name in given:
         if not any(can_use(path, name) for path in files):
-            raise FormatError(f"{name} is nothing that these files leave open", remedy="option_unused", option=name)
+            raise FormatError(f"{name} applies to none of these files", remedy="option_unused", option=name)
     progress, scenes = Progress(), []
     for path in files:
         used = {name: value for name, value in given.items() if can_use(path, name)}
         scenes.append(read_scene(path, ReadOptions(**used)))  # type: ignore[arg-type]
         for notice in scenes[-1].notices:
             progress.notice(notice)
-    _write(page, render_page(scenes, side_by_side))
+    with replacing(page) as temporary:
+        temporary.write_text(render_page(scenes, side_by_side), encoding="utf-8")
     for path, scene in zip(files, scenes, strict=True):
         mesh = f", {scene.vertices} vertices" if scene.vertices else ""
-        print(f"{path}: {scene.frames} frames at {scene.fps:.6g} fps{mesh}")
+        what = "one pose, without animation" if scene.frames == 1 else f"{scene.frames} frames at {scene.fps:.6g} fps"
+        print(f"{path}: {what}{mesh}")
     print(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
     if not no_open and _has_screen():
         webbrowser.open(page.resolve().as_uri())
     return 0
-
-
-def _write(page: Path, text: str) -> None:
-    """Write the page in one go; OutputError where that is not possible."""
-    part = temporary_path(page)
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(page)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise cannot_write(page, error) from None
 
 
 def _has_screen() -> bool:

@@ -133,3 +133,63 @@ def test_help_is_made_from_the_table() -> None:
         assert f"    {step.usage}\n" in text
         for parameter in step.parameters:
             assert f"{parameter.name}: " in text
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        ("loop -1", "must last longer than 0 s"),
+        ("loop 0.1 longest=0", "must last longer than 0 s"),
+        ("trim 0 99", "without an end, all to its end is kept"),
+        ("trim 99", "no frame is left from 99 s on"),
+        ("trim -1", "begins at 0 s"),
+        ("move 1e30", "takes the body 1e+30 m away"),
+        ("scale 1e9", "m away; 1000 m are the most"),
+    ],
+)
+def test_what_leads_nowhere_is_refused_without_a_trace(
+    bvh: Path, tmp_path: Path, words: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "deeper" / "out.bvh"
+    assert run_command(["edit", str(bvh), *words.split(), str(out), "--units", "m"]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not list(tmp_path.iterdir()), "nor is a folder left"
+
+
+def test_any_angle_is_an_angle(bvh: Path, tmp_path: Path) -> None:
+    out = [tmp_path / "a.bvh", tmp_path / "b.bvh"]
+    for angle, path in zip(("36090", "90"), out, strict=True):
+        assert run_command(["edit", str(bvh), "turn", angle, str(path), "--units", "m"]) == 0
+    a, b = (read_bvh(path).joint_positions_world() for path in out)
+    np.testing.assert_allclose(a, b, atol=1e-5)
+    assert run_command(["edit", str(bvh), "turn", "1e308", str(tmp_path / "c.bvh"), "--units", "m"]) == 0
+
+
+def test_options_may_stand_between_words(bvh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.bvh"
+    for words in ([bvh, "--units", "m", "turn", "-90", "--dry-run", out], ["--units=m", bvh, "turn", "-90", "-q", out]):
+        assert run_command(["edit", *map(str, words)]) == 0
+        assert "turn -90" in capsys.readouterr().out
+    assert out.is_file()
+
+
+def test_a_dry_run_says_that_the_file_is_there(bvh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.bvh"
+    out.write_text("mine")
+    assert run_command(["edit", str(bvh), "mirror", str(out), "--units", "m", "--dry-run"]) == 0
+    assert "is there already; without --dry-run, --overwrite is needed" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+
+
+def test_keys_that_come_back_are_told(bvh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, name, told in (("reduce 2", "a.bvh", "a key in each frame"), ("reduce 2 mirror", "b.glb", "do it last"),
+                              ("mirror reduce 2", "c.glb", "")):  # fmt: skip
+        assert run_command(["edit", str(bvh), *words.split(), str(tmp_path / name), "--units", "m"]) == 0
+        error = capsys.readouterr().err
+        assert told in error and bool(told) == bool(error)
+
+
+def test_one_frame_is_one_frame(bvh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["edit", str(bvh), "trim", "3f", "4f", str(tmp_path / "a.bvh"), "--units", "m"]) == 0
+    assert "has 1 frame at" in capsys.readouterr().out

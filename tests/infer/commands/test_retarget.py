@@ -161,3 +161,33 @@ def test_motion_of_a_results_folder_goes_onto_a_character(tmp_path, take, hero):
         assert len(clips) == len(own) + 1 and clips[:-1] == own
     with pytest.raises(MuybridgeError, match="save it as .glb"):
         read_run_target(tmp_path / "hero.gltf")
+
+
+def test_takes_that_can_be_read_are_written_beside_broken_ones(tmp_path, take, hero, capsys):
+    broken = tmp_path / "broken.bvh"
+    broken.write_bytes(take.read_bytes()[:3000])
+    out, stick = tmp_path / "out.glb", body_file(tmp_path / "stick.bvh", human(np.random.default_rng(2)), 2)
+    for to, wanted in ((hero, out), (stick, tmp_path / "out.bvh")):
+        assert run_command(["retarget", str(broken), str(take), "--to", str(to), "--out", str(wanted)]) == 2
+        said = capsys.readouterr()
+        assert "walk: 20 frames" in said.out and "broken" not in said.out
+        assert said.err.count("error:") == 2 and "1 of 2 takes failed" in said.err and str(broken) in said.err
+    assert read_character(out).clips[-1] == "walk"
+    assert (tmp_path / "out_walk.bvh").is_file() and not (tmp_path / "out_broken.bvh").exists()
+
+
+def test_options_without_a_meaning_are_refused(tmp_path, take, hero, capsys):
+    there = set(tmp_path.iterdir())
+    on_hero = [take, "--to", hero, "--out", tmp_path / "new" / "out.glb"]
+    for fps in ("0", "-5", "nan"):
+        assert "must be above zero" in refused([*on_hero, "--fps", fps], capsys)
+    assert "leave out --take-clip" in refused([*on_hero, "--take-clip", "3"], capsys)
+    assert "--clip-name is empty" in refused([*on_hero, "--clip-name", " "], capsys)
+    assert set(tmp_path.iterdir()) == there, "nor is a folder left"
+
+
+def test_options_may_stand_between_takes(tmp_path, take, hero):
+    other, out = take.with_name("jump.bvh"), tmp_path / "out.glb"
+    other.write_bytes(take.read_bytes())
+    assert run_command(["retarget", str(take), "--to", str(hero), str(other), f"--out={out}", "--no-plant"]) == 0
+    assert read_character(out).clips[-2:] == ("walk", "jump")

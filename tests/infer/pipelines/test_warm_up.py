@@ -7,8 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.infer.pipelines import warm_up as compile_ahead
-from muybridge.infer.pipelines.warm_up import CompiledAhead, is_compiled
+from muybridge.infer.pipelines.warm_up import CompiledAhead
 from muybridge.infer.runtime.progress import Progress
 
 

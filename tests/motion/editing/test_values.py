@@ -52,8 +52,8 @@ def test_trim_is_half_open_and_checks_its_times() -> None:
     np.testing.assert_array_equal(trim(motion, 0.5, 0.75).root_positions_world, motion.root_positions_world[30:45])
     for start, end, words in (
         (0.5, 0.5, "later than the start"),
-        (-1.0, None, "from 0 to 1 s"),
-        (0.0, 2.0, "from 0 to 1 s"),
+        (-1.0, None, "begins at 0 s, after -1 s"),
+        (0.0, 2.0, "ends at 1 s, before 2 s"),
     ):
         with pytest.raises(MuybridgeError, match=words):
             trim(motion, start, end)
