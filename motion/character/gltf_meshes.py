@@ -57,7 +57,8 @@ def read_meshes(rig: Rig, linear: FloatArray, places: FloatArray) -> tuple[list[
         notices.append(f"{document.path.name}: {len(still)} meshes hang on no joint and stay as they are "
                        f"({', '.join(still[:3])})")  # fmt: skip
     if packed:
-        notices.append(f"{document.path.name}: its meshes are compressed by Draco and were not read; its skeleton was")
+        notices.append(f"{document.path.name}: its meshes are compressed by Draco and were not read; its skeleton "
+                       "was. To see them, and to plant feet on its own soles, export it without Draco")  # fmt: skip
     return out, notices
 
 

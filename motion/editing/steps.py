@@ -226,7 +226,7 @@ STEPS: dict[str, Step] = {step.name: step for step in (
     Step("loop", "cut where the clip repeats best and close the gap", _loop, (
         Parameter("shortest", "time", "shortest loop (half of the clip)"),
         Parameter("longest", "time", "longest loop (the whole clip)"),
-        Parameter("travel", "name", "whether repeats travel on or close at the start (auto: on unless in place)", "auto",
+        Parameter("travel", "name", "whether repeats travel on or close at the start (auto: on if it travels)", "auto",
                   choices=("auto", "keep", "close")))),
     Step("in-place", "remove the travel over the ground, as on a treadmill", _in_place, (
         _SMOOTHING, Parameter("turning", "name", "whether the body still turns (keep)", "keep",

@@ -22,7 +22,8 @@ _ENDS = ("_End", "_end", "_Nub")
 def read_fbx(path: Path, clip: str | int | None = None) -> tuple[Motion, tuple[str, ...]]:
     """Read a file's largest skeleton and one of its animations into metres, Z up.
 
-    FBX 7.0 to 7.7, binary or text. Tangents with weights count as such without; layers of animation have to be one.
+    FBX 7.0 to 7.7, binary or text. Tangents with weights count as such without; of layers of animation, those that are
+    muted are left out, and the others have to move different joints.
 
     Args:
         path: a `.fbx` file.
@@ -231,7 +232,8 @@ def _size(model: Model, times: FloatArray, error: ErrorFactory) -> float:
     scale = model.over_time("Lcl Scaling", times)
     size = float(scale[0, 0])
     if not size > 0 or np.abs(scale - size).max() > 1e-3 * size:
-        raise error(f"{model.name!r} stretches, mirrors or changes the size of what is below it; apply its scale")
+        raise error(f"{model.name!r} stretches, mirrors or changes the size of what is below it; apply its scale (in "
+                    "Blender: Apply Scale; in Maya: Freeze Transformations)")  # fmt: skip
     return size
 
 

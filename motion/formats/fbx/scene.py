@@ -233,7 +233,7 @@ def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: ob
     """Give the models the curves of the animation stack of this number."""
     of_kind = {kind: {n for n, o in objects.items() if o.name == kind}
                for kind in ("AnimationLayer", "AnimationCurveNode", "AnimationCurve")}  # fmt: skip
-    layers = {link[1] for link in links if link[1] in of_kind["AnimationLayer"] and link[2] == stack}
+    layers = _heard(objects, [n for _, n, to, *_ in links if n in of_kind["AnimationLayer"] and to == stack])
     nodes = {link[1]: link[2] for link in links if link[1] in of_kind["AnimationCurveNode"] and link[2] in layers}
     driven = {link[1]: (link[2], str(link[3])) for link in links if link[1] in nodes and len(link) > 3}
     taken: dict[tuple[object, str], object] = {}
@@ -245,11 +245,26 @@ def _animate(models: dict[int, Model], objects: Objects, links: Links, stack: ob
         if model not in models or what not in ("Lcl Translation", "Lcl Rotation", "Lcl Scaling"):
             continue
         if taken.setdefault((model, what), nodes[node]) != nodes[node]:
-            raise error(f"{models[model].name!r} is moved by several layers of animation; bake them into one")  # type: ignore[index]
+            raise error(
+                f"{models[model].name!r} is moved by several layers of animation at once; merge them into one (in Maya "  # type: ignore[index]
+                "and MotionBuilder: Merge Layers; in Blender: Bake Action)"
+            )
         axis = str(link[3])[-1:]
         curve = _curve(objects[number], error)
         if axis in "XYZ" and curve is not None:
             models[model].curves[what, axis] = curve  # type: ignore[index]
+
+
+def _heard(objects: Objects, layers: list[Property]) -> set[Property]:
+    """The layers of animation that count: not muted, of some weight, and the soloed alone where some are."""
+    table = {n: properties(objects[n]) for n in layers}
+
+    def stated(layer: Property, name: str, usual: float) -> float:
+        value = next(iter(table[layer].get(name, ())), usual)
+        return float(value) if isinstance(value, int | float) else usual
+
+    active = {n for n in layers if not stated(n, "Mute", 0.0) and stated(n, "Weight", 100.0) > 0}
+    return {n for n in active if stated(n, "Solo", 0.0)} or active
 
 
 def _curve(node: Node, error: ErrorFactory) -> Curve | None:

@@ -65,10 +65,13 @@ class File:
         self.links.add("C", "OO", number, parent)
         return number
 
-    def layer(self) -> int:
+    def layer(self, **values: float) -> int:
         if not hasattr(self, "stack"):
             self.stack = self.add("AnimationStack", "Take\x00\x01AnimStack", "")
-        layer = self.add("AnimationLayer", "Layer\x00\x01AnimLayer", "")
+        table = Table()
+        for name, value in values.items():
+            table.number(name, value)
+        layer = self.add("AnimationLayer", "Layer\x00\x01AnimLayer", "", table=table)
         self.links.add("C", "OO", layer, self.stack)
         return layer
 
@@ -257,6 +260,17 @@ def test_a_clip_is_chosen_by_name_or_number(tmp_path):
         read_fbx(path, "Run")
 
 
+@pytest.mark.parametrize("unheard", [{"Mute": 1}, {"Weight": 0}, {}])
+def test_layers_that_do_not_count_are_left_out(tmp_path, unheard):
+    file = File()
+    hips = file.joint("hips", 0, (0, 100, 0))
+    file.joint("spine", hips, (0, 0, 10))
+    file.curve(file.layer(**({} if unheard else {"Solo": 1})), hips, "Lcl Translation", "Y", [0, 1], [100, 50])
+    file.curve(file.layer(**unheard), hips, "Lcl Translation", "Y", [0, 1], [100, 300])
+    motion, _ = read_fbx(file.write(tmp_path / "m.fbx"))
+    assert motion.root_positions_world[-1, 2] == pytest.approx(0.5)
+
+
 def test_what_cannot_be_read_is_said(tmp_path):
     def refused(file: File, words: str) -> None:
         with pytest.raises(FormatError, match=words) as caught:
@@ -273,7 +287,7 @@ def test_what_cannot_be_read_is_said(tmp_path):
     hips = file.joint("hips", 0, (0, 0, 0))
     for _ in range(2):
         file.curve(file.layer(), hips, "Lcl Rotation", "X", [0, 1], [10, 20])
-    refused(file, "several layers")
+    refused(file, "several layers.*Merge Layers")
     file = File()
     hips = file.joint("hips", 0, (0, 0, 0))
     file.links.add("C", "OO", hips, file.joint("spine", hips, (0, 10, 0)))
