@@ -35,6 +35,7 @@ class Scene:
         frames: how many.
         fps: frames per second.
         vertices: of all meshes.
+        size: metres, the largest extent of the joints or points in the first frame with any.
         notices: assumptions made in reading, one sentence each.
     """
 
@@ -42,6 +43,7 @@ class Scene:
     frames: int
     fps: float
     vertices: int = 0
+    size: float = 0.0
     notices: tuple[str, ...] = field(default_factory=tuple)
 
 
@@ -80,7 +82,13 @@ def read_scene(path: Path, options: ReadOptions | None = None) -> Scene:
         packed["margin"] = _margin(character, points)
         vertices = sum(len(m.positions) for m in character.meshes)
     notices = tuple(dict.fromkeys((*take.notices, *(character.notices if character is not None else ()))))
-    return Scene(packed, len(points.points_world), points.fps, vertices, notices)
+    return Scene(packed, len(points.points_world), points.fps, vertices, _size(points), notices)
+
+
+def _size(points: Points3D) -> float:
+    known = np.isfinite(points.points_world).all(axis=-1)
+    first = int(np.argmax(known.any(axis=1)))
+    return float(np.ptp(points.points_world[first, known[first]], axis=0).max())
 
 
 def pack_take(name: str, points: Points3D, motion: Motion | None = None) -> dict[str, Any]:

@@ -3,9 +3,11 @@
 import os
 import sys
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 
 from muybridge.errors import FormatError, MuybridgeError
@@ -13,9 +15,11 @@ from muybridge.files import replacing
 from muybridge.infer.commands.convert import Units, Up
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.infer.viewer import read_scene, render_page
+from muybridge.infer.viewer import Scene, read_scene, render_page
 from muybridge.motion.formats.registry import ReadOptions, can_use
 
+# Between the sizes of files in one page.
+MOST_TIMES = 8.0
 COMMON_OPTIONS = {"view": ("out", "side_by_side", "clip", "no_open", "overwrite")}
 
 
@@ -68,6 +72,8 @@ def view(
         scenes.append(read_scene(path, ReadOptions(**used)))  # type: ignore[arg-type]
         for notice in scenes[-1].notices:
             progress.notice(notice)
+    for notice in size_notices(files, scenes):
+        progress.notice(notice)
     with replacing(page) as temporary:
         temporary.write_text(render_page(scenes, side_by_side), encoding="utf-8")
     for path, scene in zip(files, scenes, strict=True):
@@ -78,6 +84,21 @@ def view(
     if not no_open and _has_screen():
         webbrowser.open(page.resolve().as_uri())
     return 0
+
+
+def size_notices(files: Sequence[Path], scenes: Sequence[Scene]) -> list[str]:
+    """A notice of each file whose body is far larger than the smallest one: nothing of that one could be seen."""
+    sized = [(scene.size, path) for path, scene in zip(files, scenes, strict=True) if scene.size > 0]
+    if not sized:
+        return []
+    least, small = min(sized)
+    out = []
+    for size, path in sized:
+        if size > MOST_TIMES * least:
+            factor = 10.0 ** -round(np.log10(size / least))
+            out.append(f"{path.name}: is {size:.3g} m large, and {small.name} {least:.3g} m; if its unit is wrong, "
+                       f"`muybridge edit {path.name} scale {factor:g} {path.stem}_scaled.glb` corrects it")  # fmt: skip
+    return out
 
 
 def _has_screen() -> bool:

@@ -18,7 +18,7 @@ class Viewer {
     const meshes = this.takes.some((take) => take.meshes.length);
     this.$("mesh").parentElement.hidden = !meshes; this.$("bones").parentElement.hidden = !meshes;
     const feet = this.takes.some((take) => take.feet);
-    this.$("contacts").parentElement.hidden = !feet; this.$("strip").hidden = !feet;
+    this.$("contacts").parentElement.hidden = !feet; this.$("strip").hidden = !feet || !this.playing;
     this.$("apart").checked = data.apart; this.$("apart").parentElement.hidden = this.takes.length < 2;
     this.$("scrub").max = Math.round(this.duration * this.fps);
     for (const id of ["play", "back", "on", "scrub"]) this.$(id).disabled = !this.playing;
@@ -87,6 +87,12 @@ class Viewer {
   listJoints() {
     const take = this.takes[this.$("take").value || 0];
     this.$("joint").replaceChildren(...take.names.map((name, j) => new Option(name, j)));
+    // A root bone often stands still: the first joint that moves tells more.
+    const away = (j) => [1, 2, 3].some((k) => {
+      const a = take.place(0, j), b = take.place(Math.floor(k * (take.frames - 1) / 3), j);
+      return a && b && Math.hypot(...sub(a, b)) > 0.01 * this.height;
+    });
+    this.$("joint").value = Math.max(0, take.names.findIndex((_, j) => away(j)));
     this.$("quantity").hidden = !take.quats;
     if (!take.quats) this.$("quantity").value = "place";
   }
@@ -257,7 +263,7 @@ class Viewer {
     const now = at(take.frame(this.seconds));
     this.$("values").replaceChildren(...AXES.map((colour, i) => {
       const text = document.createElement("span");
-      text.style.color = colour; text.textContent = `${"xyz"[i]} ${now ? now[i].toFixed(3) : "missing"}`;
+      text.style.color = colour; text.textContent = `${"xyz"[i]} ${now ? (Math.round(1000 * now[i]) / 1000 + 0).toFixed(3) : "missing"}`;
       return text;
     }));
   }

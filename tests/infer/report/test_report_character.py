@@ -39,7 +39,8 @@ def test_both_views_work_in_a_browser(tmp_path: Path, scene: Scene, size: tuple[
     probe = """<script>addEventListener("load", () => setTimeout(() => {
       const viewer = document.querySelector(".viewer"), at = viewer.viewer.seconds;
       viewer.viewer.step(3);
-      const out = [viewer.dataset.state, viewer.viewer.seconds !== at, document.documentElement.scrollWidth <= innerWidth];
+      const fits = document.documentElement.scrollWidth <= innerWidth;
+      const out = [viewer.dataset.state, viewer.viewer.seconds !== at, fits];
       document.body.insertAdjacentHTML("beforeend", `<pre id="probe">${out}</pre>`);
     }, 1500));</script>"""
     page = render_report(_data(character=scene)).replace("</body>", probe + "</body>")

@@ -18,6 +18,7 @@ from muybridge.infer.viewer import read_scene, render_page
 from muybridge.infer.viewer.page import read_asset
 from muybridge.motion.character import Mesh, pose_mesh, read_character
 from muybridge.motion.contacts.find import find_contacts
+from muybridge.motion.editing import scale
 from muybridge.motion.formats.registry import read_file, write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import human
@@ -133,6 +134,33 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, name: str, content: b
         view((tmp_path / name,), no_open=True)
     assert "\n" not in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_one_pose_is_no_single_frame(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = read_file(walk).motion
+    assert motion is not None
+    path = tmp_path / "pose.glb"
+    write_file(path, Take(motion=motion.select([0])))
+    assert view((path,), no_open=True) == 0
+    assert "pose.glb: one pose, without animation" in capsys.readouterr().out
+
+
+def test_files_of_other_units_are_told(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = read_file(walk).motion
+    assert motion is not None
+    path = tmp_path / "large.glb"
+    write_file(path, Take(motion=scale(motion, 100.0)))
+    assert view((walk, path), no_open=True) == 0
+    assert "`muybridge edit large.glb scale 0.01 large_scaled.glb`" in capsys.readouterr().err
+    assert view((walk, walk), no_open=True) == 0
+    assert not capsys.readouterr().err
+
+
+def test_joint_angles_of_a_robot_are_no_points(tmp_path: Path) -> None:
+    path = tmp_path / "robot.csv"
+    path.write_text("time,root_x,root_y,root_z,root_qw,root_qx,root_qy,root_qz,knee\n0,0,0,1,1,0,0,0,0.5\n")
+    with pytest.raises(FormatError, match="joint angles of a robot"):
+        view((path,), no_open=True)
 
 
 def test_options_that_no_file_can_use_are_refused(walk: Path) -> None:

@@ -7,6 +7,9 @@ from muybridge.motion.formats.points.columns import is_coordinate, trajectories_
 from muybridge.motion.formats.points.tables.sheet import Sheet, value_of
 from muybridge.motion.formats.points.world import Trajectories
 
+# Columns of the tables that `muybridge.motion.robots.write` writes; their root would pass for a point.
+_ROBOT = ("root_qw", "root_qx", "root_qy", "root_qz")
+
 
 def read_plain(sheet: Sheet, fps: float | None) -> Trajectories:
     """The points.
@@ -21,6 +24,9 @@ def read_plain(sheet: Sheet, fps: float | None) -> Trajectories:
     path, head = sheet.path, list(sheet.rows[0])
     while head and not head[-1]:
         head.pop()
+    if set(_ROBOT) <= set(head):
+        raise FormatError(f"{path}: holds the joint angles of a robot, which are no points; open it with the robot's "
+                          "simulator")  # fmt: skip
     body = [i for i, row in enumerate(sheet.rows) if i and any(row)]
     columns: list[list[Any]] = [[] for _ in head]
     for i in body:
