@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from muybridge import __version__
 from muybridge.errors import MissingExtraError, MuybridgeError
 from muybridge.extras import extra_of
-from muybridge.infer.commands.remedies import error_line
+from muybridge.infer.commands.remedies import print_error
 
 if TYPE_CHECKING:
     from muybridge.infer.commands.parsing import Call
@@ -44,7 +44,7 @@ def run_command(argv: Sequence[str]) -> int:
     try:
         return _dispatch(argv)
     except MuybridgeError as error:
-        print(f"error: {error_line(error)}", file=sys.stderr)
+        print_error(error)
         return 2
     except KeyboardInterrupt:
         print("interrupted; the same command resumes after the last finished stage", file=sys.stderr)

@@ -94,12 +94,13 @@ def parse(command: Callable[..., Any], name: str, words: Sequence[str]) -> Call:
 def _options_last(command: Callable[..., Any], words: Sequence[str]) -> Sequence[str]:
     """The words with options behind all others, since argparse takes what stands behind an option for unknown.
 
-    Nothing is moved where an option is none of the function's own, or `--` says where words begin.
+    Nothing is moved where an option is none of the function's own, or takes several values.
     """
     hints = get_type_hints(command)
     flags = {"help", "help_all", "verbose", "quiet", "v", "q", "vv", "h"} | {n for n, h in hints.items() if h is bool}
     flags |= {f"no_{name}" for name in flags}
-    named = {p.name for p in inspect.signature(command).parameters.values() if p.kind is not p.POSITIONAL_ONLY}
+    parameters = inspect.signature(command).parameters.values()
+    named = {p.name for p in parameters if p.kind is not p.POSITIONAL_ONLY and not _takes_several(hints[p.name])}
     renamed = {_option_name(hint): name for name, hint in get_type_hints(command, include_extras=True).items()}
     plain: list[str] = []
     options: list[str] = []
@@ -119,6 +120,10 @@ def _options_last(command: Callable[..., Any], words: Sequence[str]) -> Sequence
         if not equals and rest:
             options.append(rest.pop(0))
     return [*plain, *options]
+
+
+def _takes_several(hint: Any) -> bool:
+    return typing.get_origin(_plain(hint)) in (tuple, list, dict) or dataclasses.is_dataclass(_plain(hint))
 
 
 def _option_name(hint: Any) -> str | None:
@@ -224,7 +229,8 @@ class _Fields:
             extra.append(tyro.conf.FlagCreatePairsOff)
         if not dataclasses.is_dataclass(plain):
             extra.append(tyro.conf.arg(help_behavior_hint="" if name == "verbose" else _default_label))
-        if self.common is not None and not self._is_common(name, plain) and default is not MISSING_NONPROP:
+        shown = tyro.conf.Positional in extra or default is MISSING_NONPROP
+        if self.common is not None and not self._is_common(name, plain) and not shown:
             extra.append(tyro.conf.Suppress)
         if text is not None:
             text = re.sub(r"`?\bNone\b`?", "unset", text)  # on the command line nothing can be set to None

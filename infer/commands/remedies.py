@@ -3,6 +3,8 @@
 The keys are those of `muybridge.remedies`. Texts are format strings; the exception's `details` fill in the names.
 """
 
+import sys
+
 from muybridge.errors import MuybridgeError
 
 COMMAND_REMEDIES: dict[str, str] = {
@@ -71,6 +73,11 @@ COMMAND_REMEDIES: dict[str, str] = {
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }
+
+
+def print_error(error: MuybridgeError) -> None:
+    """Print an error in one line to stderr."""
+    print(f"error: {error_line(error)}", file=sys.stderr, flush=True)
 
 
 def error_line(error: MuybridgeError) -> str:

@@ -4,26 +4,24 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from muybridge.errors import SessionError
-from muybridge.infer.commands.each import try_each
+from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.demo import run_demo
 from muybridge.infer.pipelines.marker_videos import run_marker_session
-from muybridge.infer.pipelines.videos import RunOptions, run_session, summary
+from muybridge.infer.pipelines.videos import RunCharacter, RunOptions, run_session, summary
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions
+from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.logs import is_quiet
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions
 
-if TYPE_CHECKING:
-    from muybridge.infer.pipelines.run_character import RunCharacter
-
 COMMON_OPTIONS = {
     "run": (
-        "out", "to", "overwrite", "calibration", "cameras", "keypoint_model", "markers", "workers", "min_confidence",
+        "out", "to", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
         "everyone", "refine_cameras", "world",
     ),
     "run_markers": ("out", "overwrite", "calibration", "cameras", "markerset", "correct"),
@@ -63,8 +61,8 @@ def run(
     return run_each(plan(sessions, out), work)
 
 
-def _character(path: Path) -> "RunCharacter":
-    from muybridge.infer.pipelines.run_character import read_run_character
+def _character(path: Path) -> RunCharacter:
+    from muybridge.infer.commands.motion.run_character import read_run_character
 
     return read_run_character(path)
 
@@ -142,7 +140,7 @@ def run_each(jobs: Sequence[tuple[Path, Path | None]], work: Callable[[Path, Pat
     def one(path: Path) -> None:
         print(work(path, places[path]), flush=True)
 
-    tried = try_each([path for path, _ in jobs], one)
+    tried = try_each([path for path, _ in jobs], one, print_error)
     if len(jobs) > 1:
         print(f"{len(tried.done)} of {len(jobs)} sessions done", flush=True)
     tried.report_failures("sessions")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -46,11 +46,9 @@ from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
+from muybridge.infer.viewer.data import Scene
 from muybridge.motion.contacts.events import contact_facts
 from muybridge.motion.contacts.find import Contacts
-
-if TYPE_CHECKING:
-    from muybridge.infer.pipelines.run_character import RunCharacter
 
 _log = logging.getLogger(__name__)
 
@@ -82,6 +80,21 @@ class RunOptions:
     refine_cameras: bool = False
     world: Literal["calibration", "upright"] = "calibration"
     overwrite: bool = False
+
+
+class RunCharacter(Protocol):
+    """A character that a run's motion is put onto (see `muybridge.infer.commands.motion.run_character`)."""
+
+    @property
+    def path(self) -> Path:
+        """Its file, which is read."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every file that may be written into the results folder."""
+
+    def put_on(self, run: Run) -> dict[int, Scene]:
+        """Write the character with the motion that the run has written; what the report of each person shows."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +148,7 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
 
 
 def run_session(
-    path: Path, out: Path | None, options: RunOptions, progress: Progress, character: "RunCharacter | None" = None
+    path: Path, out: Path | None, options: RunOptions, progress: Progress, character: RunCharacter | None = None
 ) -> RunResult:
     """Process one session folder.
 
@@ -188,7 +201,7 @@ def run_session(
 
 def _write(
     run: Run, session: Session, followed: Followed, qualities: Sequence[Quality], options: RunOptions,
-    character: "RunCharacter | None",
+    character: RunCharacter | None,
 ) -> tuple[tuple[str, ...], Contacts | None]:  # fmt: skip
     """Write every result but `run.json`; returns what spoils the result, as sentences, and the first person's
     contacts."""

@@ -7,7 +7,6 @@ is replaced only with `overwrite`, input files never, and the root of a file sys
 
 import re
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 
 from muybridge.errors import OutputError
@@ -21,13 +20,16 @@ _MARK = re.compile(
 )
 
 
-def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> None:
-    """Refuse files that cannot or may not be written; missing folders are made by who writes the files.
+def check_replaceable(
+    paths: Iterable[Path], overwrite: bool = False, read: Iterable[Path] = (), make_folders: bool = True
+) -> None:
+    """Refuse files that cannot or may not be written; makes their folders.
 
     Args:
         paths: files that will be written, and folders that will receive files.
         overwrite: whether files of others may be replaced.
         read: input files.
+        make_folders: whether missing folders stay; not where reading, which may fail, comes after this check.
 
     Raises:
         OutputError: an input file, a file that muybridge did not write, a folder with anything in it, the root of a
@@ -43,16 +45,9 @@ def check_replaceable(paths: Iterable[Path], overwrite: bool = False, read: Iter
             raise OutputError(
                 f"{path} is there already and was not made by muybridge, or has no mark of it", remedy="overwrite"
             )
-        _check_writable(path.parent)
-
-
-def _check_writable(folder: Path) -> None:
-    """Raise as `make_writable` does, and leave no new folder behind: what follows may still fail."""
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        make_writable(folder)
-    finally:
-        with suppress(OSError):
+        made = [each for each in (path.parent, *path.parent.parents) if not each.exists()]
+        make_writable(path.parent)
+        if not make_folders:
             for each in made:
                 each.rmdir()
 

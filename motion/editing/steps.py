@@ -289,12 +289,13 @@ def parse_steps(words: Sequence[str]) -> tuple[Call, ...]:
     return tuple(calls)
 
 
-def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:
+def edit_take(take: Take, calls: Sequence[Call], tell: Callable[[str], object] | None = None) -> tuple[Take, list[str]]:
     """Apply steps one after the other.
 
     Args:
         take: a motion or points.
         calls: the steps, of `parse_steps`.
+        tell: called with each sentence as soon as its step is done.
 
     Returns:
         The edited take, and what each step did, a sentence each.
@@ -318,6 +319,8 @@ def edit_take(take: Take, calls: Sequence[Call]) -> tuple[Take, list[str]]:
         if before is not None and take.c3d is None and (before.events or before.analog or before.force_platforms):
             note += "; events, analog channels and force plates of the C3D are left out"
         notes.append(f"{label}: {note} ({counted(frame_count(thing), 'frame')}, {duration(thing):.3f} s)")
+        if tell is not None:
+            tell(notes[-1])
     return take, notes
 
 

@@ -1,6 +1,7 @@
 """The command `edit`: steps of editing on a motion or points, from one file to another."""
 
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -65,7 +66,7 @@ def edit(
         raise MuybridgeError(f"{source}: no such file; give an existing one")
     progress = Progress()
     if not dry_run:
-        check_replaceable(written_files(target), overwrite, read_files(source, asf))
+        check_replaceable(written_files(target), overwrite, read_files(source, asf), make_folders=False)
     elif source.resolve() == target.resolve():
         raise MuybridgeError(f"{target} is the file to be read", remedy="other_name")
     elif target.exists() and not overwrite:
@@ -73,8 +74,7 @@ def edit(
     take = read_file(source, ReadOptions(units, up, fps, asf, clip))
     for notice in take.notices:
         progress.notice(notice)
-    take, notes = edit_take(take, calls)
-    print("\n".join(notes))
+    take, _ = edit_take(take, calls, partial(print, flush=True))
     if take.keys is None and any(call.step.name == "reduce" for call in calls):
         progress.notice("a step behind `reduce` put its keys back; do it last")
     elif take.keys is not None and target.suffix.lower() != ".glb":

@@ -7,10 +7,11 @@ import tyro
 
 from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
-from muybridge.infer.commands.each import try_each
 from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot, takes_of
+from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.retarget import (
     Placed,
+    Target,
     check_output,
     clip_names,
     describe_roles,
@@ -22,6 +23,7 @@ from muybridge.infer.pipelines.retarget import (
     write_placed,
 )
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
+from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.formats.registry import can_use
@@ -46,7 +48,7 @@ def retarget(
     plant: bool = True,
     overwrite: bool = False,
 ) -> int:
-    """Put takes onto your own character: its file comes back with one more clip a take.
+    """Put takes onto your own character or robot: its file comes back with one more clip for each take.
 
     Directions of limbs, trunk and head are the take's, the path over the ground is scaled by the length of the legs,
     and the feet are planted on the character's own soles. Takes are files of motion, folders of them, and session or
@@ -59,7 +61,7 @@ def retarget(
 
     Args:
         takes: files of motion, folders of them, session folders.
-        to: file of the character.
+        to: file of the character (.glb, .vrm, .fbx, .bvh ...), or of a humanoid robot (.urdf, .xml).
         out: file to write (default: HERO_TAKE in the current folder).
         map: TOML file that says which joint of the character is which part of the body (see `--suggest`).
         suggest_map: write such a file (default name: HERO.map.toml) with what was found, say how, and stop.
@@ -86,38 +88,39 @@ def retarget(
     for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):
         progress.notice(notice)
     if suggest_map:
-        path = out or Path(f"{to.stem}.map.toml")
-        check_replaceable([path], overwrite, [to])
-        with replacing(path) as temporary:
-            temporary.write_text(suggest(target), encoding="utf-8", newline="\n")
-        print(f"{describe_roles(target)}\n{path}: correct what is wrong in it, and give it with --map")
-        return 0
+        return _suggest(target, out or Path(f"{to.stem}.map.toml"), overwrite)
     target.roles.require(str(to))
     files = takes_of(takes, take_clip)
     names = clip_names(files, clip_name, target.character.clips)
     paths = output_paths(out, to, names)
     check_output(paths, to)
-    check_replaceable(paths, overwrite, [to, *files])
+    check_replaceable(paths, overwrite, [to, *files], make_folders=False)
     print(describe_roles(target))
-    options = RetargetOptions(plant=plant)
     name_of = dict(zip(files, names, strict=True))
 
     def put(file: Path) -> Placed:
         clip = take_clip if can_use(file, "clip") else None
-        one = place(file, target, name_of[file], options, fps, clip, take_map)
+        one = place(file, target, name_of[file], RetargetOptions(plant=plant), fps, clip, take_map)
         for notice in one.notices:
             progress.notice(notice)
+        print(measures(one, target), flush=True)
         return one
 
-    tried = try_each(files, put)
-    placed = list(tried.done.values())
+    tried = try_each(files, put, print_error)
     if len(paths) > 1:  # a file a take
         paths = [path for file, path in zip(files, paths, strict=True) if file in tried.done]
-    if placed:
-        for notice in write_placed(placed, target, paths):
+    if tried.done:
+        for notice in write_placed(list(tried.done.values()), target, paths):
             progress.notice(notice)
-        for one in placed:
-            print(measures(one, target))
         print("\n".join(str(path) for path in paths))
     tried.report_failures("takes")
     return tried.exit_code
+
+
+def _suggest(target: Target, path: Path, overwrite: bool) -> int:
+    """Write the map of the character's roles."""
+    check_replaceable([path], overwrite, [target.character.path], make_folders=False)
+    with replacing(path) as temporary:
+        temporary.write_text(suggest(target), encoding="utf-8", newline="\n")
+    print(f"{describe_roles(target)}\n{path}: correct what is wrong in it, and give it with --map")
+    return 0

@@ -8,9 +8,10 @@ from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
 from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.roles import load_role_map
-from muybridge.infer.commands.each import try_each
+from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.retarget import find_takes, read_take
 from muybridge.infer.results.ownership import check_replaceable
+from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.editing.resampling import resample
 from muybridge.motion.formats.registry import can_use
@@ -53,6 +54,9 @@ class RobotRequest:
 def run_retarget_robot(request: RobotRequest) -> int:
     """Put takes onto a robot and print what was done.
 
+    Returns:
+        The exit code: 0; 2 where one of several takes failed, and 1 where that was a bug.
+
     Raises:
         MuybridgeError: a file cannot be read, the robot is no humanoid, no take is named.
     """
@@ -67,15 +71,11 @@ def run_retarget_robot(request: RobotRequest) -> int:
         progress.notice(f"{request.to.name}: {notice}")
     print(f"{request.to.name}: {len(robot.joints)} joints, legs and arms found by {parts.how}")
     if request.suggest:
-        path = request.out or Path(f"{request.to.stem}.map.toml")
-        check_replaceable([path], request.overwrite, [request.to])
-        with replacing(path) as temporary:
-            temporary.write_text(suggest_link_map(robot, parts.table(robot)), encoding="utf-8", newline="\n")
-        print(f"{path}: correct what is wrong in it, and give it with --map")
-        return 0
+        return _suggest(robot, parts.table(robot), request)
     files = takes_of(request.takes, request.take_clip)
     outputs = dict(zip(files, robot_outputs(request.out, request.to, files), strict=True))
-    check_replaceable([path for paths in outputs.values() for path in paths], request.overwrite, [request.to, *files])
+    written = [path for paths in outputs.values() for path in paths]
+    check_replaceable(written, request.overwrite, [request.to, *files], make_folders=False)
     if not is_compiled(assemble):
         progress.say("compiling numerical kernels (first run only), which takes about a minute")
 
@@ -84,12 +84,21 @@ def run_retarget_robot(request: RobotRequest) -> int:
             take = _place(file, robot, chosen, request, shown)
         for path in outputs[file]:
             write_robot_motion(path, take.motion)
-        print(describe(file, take))
-        print("\n".join(str(path) for path in outputs[file]), flush=True)
+        print("\n".join([describe(file, take), *map(str, outputs[file])]), flush=True)
 
-    tried = try_each(files, put)
+    tried = try_each(files, put, print_error)
     tried.report_failures("takes")
     return tried.exit_code
+
+
+def _suggest(robot: Robot, table: dict[str, str], request: RobotRequest) -> int:
+    """Write the map of the robot's links."""
+    path = request.out or Path(f"{request.to.stem}.map.toml")
+    check_replaceable([path], request.overwrite, [request.to], make_folders=False)
+    with replacing(path) as temporary:
+        temporary.write_text(suggest_link_map(robot, table), encoding="utf-8", newline="\n")
+    print(f"{path}: correct what is wrong in it, and give it with --map")
+    return 0
 
 
 def takes_of(paths: Sequence[Path], clip: str | None) -> list[Path]:

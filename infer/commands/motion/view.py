@@ -60,7 +60,7 @@ def view(
     if not files:
         raise MuybridgeError("there is no file to show; name at least one, such as walk.bvh")
     page = files[0].with_suffix(".html") if out is None else out
-    check_replaceable([page], overwrite, [*files, *([asf] if asf is not None else [])])
+    check_replaceable([page], overwrite, [*files, *([asf] if asf is not None else [])], make_folders=False)
     options = {"units": units, "up": up, "fps": fps, "asf": asf, "clip": clip}
     given = {name: value for name, value in options.items() if value is not None}
     for name in given:

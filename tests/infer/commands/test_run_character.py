@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError, OutputError
-from muybridge.infer.pipelines.run_character import RunCharacter, read_run_character
+from muybridge.infer.commands.motion.run_character import CharacterOfRun, read_run_character
 from muybridge.infer.results.people import MOTION_BVH
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.progress import Progress
@@ -21,7 +21,7 @@ def hero(tmp_path: Path) -> Path:
     return body_file(tmp_path / "hero.glb", human(np.random.default_rng(1), spine=4, legs=0.8), 1)
 
 
-def started(folder: Path, character: RunCharacter, take: Path) -> Run:
+def started(folder: Path, character: CharacterOfRun, take: Path) -> Run:
     """A run that has written its motion."""
     run = Run("videos", folder, (MOTION_BVH, *character.names), [character.path], False, Progress(quiet=True))
     motion = read_file(take).motion

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.commands.remedies import error_line
 
 T = TypeVar("T")
 
@@ -34,8 +33,13 @@ class Tried(Generic[T]):
             print(f"error: {len(self.failed)} of {count} {what} failed: {names}; see above", file=sys.stderr)
 
 
-def try_each(paths: Sequence[Path], work: Callable[[Path], T]) -> Tried[T]:
-    """Process every input, whatever happens to the others; errors are printed as they happen.
+def try_each(paths: Sequence[Path], work: Callable[[Path], T], tell: Callable[[MuybridgeError], object]) -> Tried[T]:
+    """Process every input, whatever happens to the others.
+
+    Args:
+        paths: the inputs, no two the same.
+        work: what is done with each.
+        tell: called with an input's error as soon as it happens.
 
     Raises:
         MuybridgeError: the only input failed.
@@ -49,7 +53,7 @@ def try_each(paths: Sequence[Path], work: Callable[[Path], T]) -> Tried[T]:
         try:
             done[path] = work(path)
         except MuybridgeError as error:
-            print(f"error: {error_line(error)}", file=sys.stderr, flush=True)
+            tell(error)
             failed.append(path)
         except Exception:
             traceback.print_exc()

@@ -24,7 +24,7 @@ MOST_BYTES = 30_000_000
 
 
 @dataclass(frozen=True)
-class RunCharacter:
+class CharacterOfRun:
     """A character that a run's motion is put onto.
 
     Attributes:
@@ -79,7 +79,7 @@ class RunCharacter:
         return scenes
 
 
-def read_run_character(path: Path) -> RunCharacter:
+def read_run_character(path: Path) -> CharacterOfRun:
     """The character of a file, read before any other work.
 
     Raises:
@@ -91,7 +91,7 @@ def read_run_character(path: Path) -> RunCharacter:
             f"{path}: is a robot, whose motion is made from the results: `muybridge run SESSION`, then `muybridge "
             f"retarget SESSION --to {path}`"
         )
-    character = RunCharacter(read_run_target(path))
+    character = CharacterOfRun(read_run_target(path))
     results = {of_person(name, n) for name in PERSONAL for n in range(1, MOST_PEOPLE + 1)}
     taken = sorted(results & set(character.names))
     if taken:
