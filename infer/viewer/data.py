@@ -86,7 +86,7 @@ def read_scene(path: Path, options: ReadOptions | None = None) -> Scene:
 
 
 def _size(points: Points3D) -> float:
-    known = np.isfinite(points.points_world).all(axis=-1)
+    known = np.asarray(np.isfinite(points.points_world).all(axis=-1))
     first = int(np.argmax(known.any(axis=1)))
     return float(np.ptp(points.points_world[first, known[first]], axis=0).max())
 
