@@ -133,5 +133,7 @@ def _add_stream(container: Any, image: ByteArray, fps: float, options: OverlayOp
     # x264's rate control depends on the number of its threads, and with it the bytes of equal runs.
     stream.codec_context.thread_count = 1
     # A keyframe twice a second: scrubbing in a browser stays quick.
-    stream.options = {"crf": str(options.crf), "preset": options.preset, "g": str(max(1, round(fps / 2)))}
+    # x264's macroblock tree reads beyond its arrays on processors with AVX-512: bytes of equal runs would differ.
+    stream.options = {"crf": str(options.crf), "preset": options.preset, "g": str(max(1, round(fps / 2))),
+                      "x264-params": "mbtree=0"}  # fmt: skip
     return stream

@@ -146,10 +146,10 @@ def test_equal_runs_write_equal_bytes(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     frames = rng.integers(0, 255, (20, 120, 160, 3)).astype(np.uint8)
     written = []
-    for name in ("a.mp4", "b.mp4"):
+    for name in ("a.mp4", "b.mp4", "c.mp4", "d.mp4"):
         write_overlay(tmp_path / name, frames, 0.25, _data(points, points))
         written.append((tmp_path / name).read_bytes())
-    assert written[0] == written[1]
+    assert len(set(written)) == 1
     # x264 writes its settings into the file: with threads of its own choice they depend on the machine.
     assert re.findall(rb" threads=(\d+)", written[0]) == [b"1"]
 
