@@ -47,7 +47,8 @@ class VideoWriter:
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.thread_count = 1
-        self._stream.options = {"crf": str(crf), "preset": preset}
+        # Without the macroblock tree, whose bytes vary on processors with AVX-512.
+        self._stream.options = {"crf": str(crf), "preset": preset, "x264-params": "mbtree=0"}
 
     def __enter__(self) -> "VideoWriter":
         return self
