@@ -14,6 +14,8 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c c
 # Two processes, each with whole files of tests: what a file's tests share is made once. One thread for each, since
 # threads of torch that wait for a processor cost the other process its own.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+# Bytecode is kept, whatever the shell says: the tests start many processes, which otherwise compile all modules again.
+export PYTHONDONTWRITEBYTECODE :=
 export NUMBA_NUM_THREADS ?= $(shell nproc 2>/dev/null || echo 2)
 
 help:
