@@ -160,7 +160,7 @@ def test_a_share_of_batches_has_smaller_crops(store, tmp_path):
 
 def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", steps=40, size=64, batch=16, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", steps=24, size=64, batch=16, backgrounds=8, threads=1, workers=0
     )
     checkpoint = keypoints.train(options)
     first = load_keypoint_checkpoint(checkpoint)
