@@ -12,8 +12,11 @@ BIN := $(VENV)/bin
 # -c on every install: the versions that the tests ran with. pip's own configuration says where from.
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt
 # Two processes, each with whole files of tests: what a file's tests share is made once. One thread for each, since
-# threads of torch that wait for a processor cost the other process its own.
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+# threads of torch that wait for a processor cost the other process its own. In order: files of many short tests are no
+# longer than those of a few trainings, which would come last and leave one process idle.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Bytecode is kept, whatever the shell says: the tests start many processes, which otherwise compile all modules again.
+export PYTHONDONTWRITEBYTECODE :=
 export NUMBA_NUM_THREADS ?= $(shell nproc 2>/dev/null || echo 2)
 
 help:

@@ -1,6 +1,7 @@
 """Bodies and renders that several tests of training share; they need the train extra."""
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,14 @@ if TYPE_CHECKING:
     from muybridge.train.synthesis.bodies.body_model import BodyModel
     from muybridge.train.synthesis.rendering.renderer import Renderer
     from muybridge.train.synthesis.rendering.store import RenderSet
+
+
+@pytest.fixture
+def few_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trainings of keypoints are validated with 64 crops, not with 512."""
+    from muybridge.train.keypoints import train
+
+    monkeypatch.setattr(train, "held_out_batches", partial(train.held_out_batches, count=1))
 
 
 @pytest.fixture(scope="module")

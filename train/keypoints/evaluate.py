@@ -105,8 +105,8 @@ def evaluate_onnx(options: Evaluation) -> dict[str, float]:
     compositor = Compositor(store, backgrounds, card.input_size, options.seed, augment)
 
     distances, twins, inside_sigma, visibles, insides = [], [], [], [], []
-    for _ in track(range(-(-options.crops // 64)), "scoring", transient=True):
-        batch = compositor.batch(64)
+    for begin in track(range(0, options.crops, 64), "scoring", transient=True):
+        batch = compositor.batch(min(64, options.crops - begin))
         decoded, error, inside = read_batch(session, card, batch, options.flip, options.turn)
         distances.append(np.linalg.norm(error, axis=-1))
         twins.append(np.linalg.norm(decoded.points_crop_px - batch.landmarks_px.numpy()[:, MIRROR], axis=-1))

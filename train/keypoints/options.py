@@ -78,7 +78,7 @@ class Evaluation:
         renders: folder of the render store, whose first four shards are never trained on.
         all_shards: score on the whole store, for one that was never trained on. More people make the figures depend
             less on who they are.
-        crops: number of crops, rounded up to batches of 64.
+        crops: number of crops.
         seed: random seed of the crops.
         faults: add camera faults: blur, noise, compression and others.
         occlusion: add objects and people in front, unrecognisable faces, image borders, clutter and tumbling people.

@@ -70,6 +70,7 @@ def test_the_real_demo_is_near_its_truth(tmp_path, capfd):
     assert json.loads((tmp_path / "demo" / "run.json").read_text())["calibration"]["faults"] == []
 
 
+@pytest.mark.slow  # the demo runs the networks too, and the next test has this footage
 def test_the_real_take_is_accurate(real_data, tmp_path):
     out = tmp_path / "balancing"
     # In a process of its own, whose memory is its alone.

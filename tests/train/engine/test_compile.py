@@ -12,7 +12,7 @@ from muybridge.train.engine.compile import PAYS_AFTER_MINUTES, compile_for_train
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
 
-# Compiling takes up to two minutes; `make test` compiles the batch normalisation alone.
+# Compiling takes up to two minutes.
 @pytest.mark.slow
 @pytest.mark.parametrize("native", [True, False])
 def test_compiled_gradients_are_as_precise_as_uncompiled_ones(monkeypatch, native):
@@ -55,6 +55,7 @@ def test_compiled_gradients_are_as_precise_as_uncompiled_ones(monkeypatch, nativ
         assert off[name] < min(2.5 * usual[name] + 5e-3, 0.7), (name, off[name], usual[name])
 
 
+@pytest.mark.slow
 def test_compiled_batch_normalisation_matches_torch():
     if compile_for_training(losses_of, PAYS_AFTER_MINUTES) is losses_of:
         pytest.skip("torch.compile does not work here")

@@ -19,6 +19,8 @@ from muybridge.train.keypoints.export import load_keypoint_checkpoint  # noqa: E
 from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.keypoints.train import losses_of  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("few_held_out")
+
 
 class SmoothBlock(Block):
     def forward(self, x):
@@ -177,11 +179,11 @@ def test_training_with_a_second_process_resumes(store, tmp_path, monkeypatch):
 
     monkeypatch.setattr(GradientWorker, "_count", one_as_soon_as_it_is_ready)
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=1
+        renders=store, out=tmp_path / "run", steps=8, size=64, batch=16, backgrounds=8, workers=1
     )
     first = load_keypoint_checkpoint(keypoints.train(options))
     assert first["state"]["images"] == 16 * first["state"]["step"] > 0
     assert taken == [1] * (first["state"]["step"] + 1)  # the first, whose gradients nobody wants, sets it up
-    again = load_keypoint_checkpoint(keypoints.train(replace(options, minutes=0.05, second=False)))
+    again = load_keypoint_checkpoint(keypoints.train(replace(options, steps=2, second=False)))
     assert again["state"]["step"] > first["state"]["step"]
     assert all(torch.isfinite(value).all() for value in again["net"].values())

@@ -22,6 +22,8 @@ from muybridge.train.synthesis.rendering import worker as beside  # noqa: E402
 from muybridge.train.synthesis.rendering.store import shard_numbers  # noqa: E402
 from muybridge.train.synthesis.rendering.worker import PLAN, RenderWorker  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("few_held_out")
+
 # The process itself, with a renderer that copies another store's shards, the last one over and over.
 _COPIER = """
 import pathlib, shutil, sys, time
@@ -53,7 +55,7 @@ def copier(store: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_training_without_renders_makes_them(tmp_path: pathlib.Path) -> None:
     renders = tmp_path / "renders"
     options = KeypointTraining(
-        renders=renders, out=tmp_path / "run", shards=14, minutes=0.12, batch=4, size=64, backgrounds=8, workers=0
+        renders=renders, out=tmp_path / "run", shards=14, minutes=0.08, batch=4, size=64, backgrounds=8, workers=0
     )
     keypoints.train(options)
     # Training began with eight and ended before all were there, or with all: its successor makes the others.
@@ -68,6 +70,15 @@ def test_a_training_without_renders_makes_them(tmp_path: pathlib.Path) -> None:
     assert shard_numbers(renders) == list(range(14)) and not (renders / PLAN).exists()
     with RenderWorker(renders, 20, seed=0) as none:  # what is whole is left as it is, however many are wanted
         assert not none.making
+
+
+@pytest.mark.usefixtures("copier")
+def test_renderer_that_has_made_everything_ends_without_an_error(tmp_path: pathlib.Path) -> None:
+    with RenderWorker(tmp_path, 2, seed=0) as others:
+        assert others._process is not None
+        assert others._process.wait(60) == 0  # before its standard input is closed
+        others.wait_for(2)
+    assert [p.name for p in tmp_path.iterdir() if p.suffix not in (".npy", ".npz")] == []
 
 
 @pytest.mark.usefixtures("copier")

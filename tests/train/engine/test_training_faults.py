@@ -24,6 +24,8 @@ from muybridge.train.people import train as people  # noqa: E402
 from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("few_held_out")
+
 
 def _short(store, out, **changes):
     return KeypointTraining(

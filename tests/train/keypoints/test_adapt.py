@@ -181,7 +181,7 @@ def test_network_adapts_to_footage(footage, worse_network, tmp_path):
     net = keypoint_net_from_onnx(worse_network)
     before = {k: v.clone() for k, v in net.state_dict().items()}
     shares = []
-    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.6, rate=1e-3)  # much, in seconds
+    options = Adaptation(tmp_path / "footage.npz", tmp_path, minutes=0.2, rate=1e-3)  # much, in seconds
     student, images = train_on_footage(net, view, options, shares.append)
     assert images >= 64 and shares == sorted(shares) and shares[-1] <= 1
     assert all(torch.equal(v, before[k]) for k, v in net.state_dict().items())  # the teacher stays

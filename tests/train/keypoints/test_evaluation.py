@@ -120,13 +120,13 @@ def test_evaluation_with_and_without_difficulties(store, tmp_path, monkeypatch):
     # Whether sticks are to be turned depends on the weights; here whatever is unsure is.
     monkeypatch.setattr("muybridge.models.keypoints.test_time._GAIN", -100.0)
     monkeypatch.setattr(
-        "muybridge.train.keypoints.evaluate.make_backgrounds", lambda count, *how: make_backgrounds(16, *how)
+        "muybridge.train.keypoints.evaluate.make_backgrounds", lambda count, *how: make_backgrounds(8, *how)
     )
     small = onnx.load(str(shipped_model("keypoints")))
     for fact in small.metadata_props:
         fact.value = "96" if fact.key == "input_size" else fact.value  # a seventh of the time
     onnx.save(small, str(tmp_path / "small.onnx"))
-    options = Evaluation(tmp_path / "small.onnx", renders=store, crops=64)
+    options = Evaluation(tmp_path / "small.onnx", renders=store, crops=12)
     found = evaluate_onnx(options)
     assert all(np.isfinite(v) for v in found.values()) and found == evaluate_onnx(options)  # seeded
     plain = evaluate_onnx(replace(options, faults=False, occlusion=False))

@@ -15,6 +15,8 @@ from muybridge.train.keypoints.hard_examples import Difficulty, drawing_probabil
 from muybridge.train.keypoints.options import KeypointTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import SHARD, load_renders  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("few_held_out")
+
 
 def test_losses_are_averaged_and_shared_by_file(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "difficulty.npy"
@@ -81,7 +83,7 @@ def test_training_records_hard_renders(
     monkeypatch.setattr(keypoints, "drawing_probability", drawing)
     monkeypatch.setattr(keypoints, "Difficulty", lambda path: Difficulty(path, every=1))
     keypoints.train(KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.1, size=64, batch=16, backgrounds=8, workers=0, hard=0.5
+        renders=store, out=tmp_path / "run", minutes=0.06, size=64, batch=16, backgrounds=8, workers=0, hard=0.5
     ))  # fmt: skip
     assert noted[0] == 0 and noted[-1] > 0.05
     (noted_in,) = (tmp_path / "run").glob("difficulty-*.npy")

@@ -35,6 +35,8 @@ from muybridge.train.people import train as people  # noqa: E402
 from muybridge.train.people.options import PeopleTraining  # noqa: E402
 from muybridge.train.synthesis.rendering.store import load_renders  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("few_held_out")
+
 
 def test_heatmap_loss_is_least_at_the_truth():
     truth = torch.tensor([[[13.5, 21.5]]])
@@ -158,7 +160,7 @@ def test_a_share_of_batches_has_smaller_crops(store, tmp_path):
 
 def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     options = KeypointTraining(
-        renders=store, out=tmp_path / "run", minutes=0.15, size=64, batch=16, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", steps=24, size=64, batch=16, backgrounds=8, threads=1, workers=0
     )
     checkpoint = keypoints.train(options)
     first = load_keypoint_checkpoint(checkpoint)
@@ -172,11 +174,11 @@ def test_keypoint_training_learns_resumes_and_exports(store, tmp_path):
     assert 2 < lines[-1]["held_out_loss"] < np.log(16 * 16)
     assert cv2.imread(str(options.out / "curves.png")).std() > 5
     assert len(again["optimiser"]) == 2
-    alone = load_keypoint_checkpoint(keypoints.train(replace(options, minutes=0.02, muon=False)))
+    alone = load_keypoint_checkpoint(keypoints.train(replace(options, steps=5, muon=False)))
     assert len(alone["optimiser"]) == 1 and alone["state"]["images"] > again["state"]["images"]
     pool = dataset.background_pool(options)
     path = tmp_path / "out" / "keypoints.onnx"
-    publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64, 2), "a test")
+    publish_keypoints(checkpoint, path, keypoints.held_out_batches(store, pool, 64), "a test")
     import onnxruntime
 
     session = onnxruntime.InferenceSession(str(path))
@@ -269,7 +271,7 @@ def test_training_continues_from_shipped_weights(kind, store, tmp_path):
 
 def test_people_training_learns(store, tmp_path):
     options = PeopleTraining(
-        renders=store, out=tmp_path / "run", minutes=0.2, batch=8, backgrounds=8, threads=1, workers=0
+        renders=store, out=tmp_path / "run", minutes=0.05, batch=8, backgrounds=8, threads=1, workers=0
     )
     saved = load_keypoint_checkpoint(people.train(options))
     assert saved["state"]["images"] > 0

@@ -109,7 +109,9 @@ def main(folder: pathlib.Path, shards: int, seed: int) -> None:
     other end of its standard input is closed, in whatever way its parent ended."""
 
     def wait_for_end() -> None:
-        sys.stdin.buffer.read()
+        # Not sys.stdin's own read: it holds a lock, without which Python aborts when all shards are made first.
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
         if hasattr(signal, "pthread_kill"):  # also wakes a thread that waits for processes
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
         else:
