@@ -1,5 +1,6 @@
 """The contents of a file: points or a motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,6 +41,7 @@ class Take:
         start: seconds of the recording at which the first frame is, where the file states it.
         notices: assumptions made in reading, one sentence each.
         keys: which frames of the motion are keys; None: all.
+        humanoid: bone of the VRM humanoid -> index of the joint, of a file that states them.
     """
 
     points: Points3D | None = None
@@ -48,6 +50,7 @@ class Take:
     start: float = 0.0
     notices: tuple[str, ...] = field(default_factory=tuple)
     keys: Keys | None = None
+    humanoid: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def fps(self) -> float:

@@ -8,9 +8,11 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.roles.geometric import Body, find_by_geometry
 from muybridge.geometry.roles.names import roles_by_profile, roles_by_words, sides_by_names
 from muybridge.geometry.roles.role_map import CORE_ROLES, LIMBS, RoleMap, in_order, joints_of_map
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES, ROLES
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
+_MOST_POSES = 24  # of a motion that are looked at
 _FROM_VRM = {bone.lower(): role for role, bone in PROFILES["vrm"].items()}
 
 
@@ -54,6 +56,24 @@ def find_roles(
     if named:
         return RoleMap(named, f"names:{profile}", "human")
     return RoleMap({}, "none", body.kind)
+
+
+def find_motion_roles(
+    motion: Motion, names_table: Mapping[str, str] | None = None, map: Mapping[str, str] | None = None
+) -> RoleMap:
+    """The roles of a motion's joints, for which some of its poses count where the rest pose is no standing body.
+
+    Args:
+        motion: Z up.
+        names_table: as of `find_roles`.
+        map: as of `find_roles`.
+
+    Raises:
+        MuybridgeError: as `find_roles`.
+    """
+    frames = np.unique(np.linspace(0, max(len(motion) - 1, 0), _MOST_POSES).astype(np.intp))
+    positions = motion.select(frames).joint_positions_world() if len(motion) > 1 else None
+    return find_roles(motion.skeleton, names_table, map, positions)
 
 
 def _complete(roles: Mapping[str, int]) -> bool:

@@ -200,12 +200,13 @@ def _roles(tree: Tree, guess: _Guess, first_is_left: bool, pose: FloatArray) -> 
     up, across, _ = body_axes(pose, sides)
     chest = guess.arms.parent
     roles: dict[str, int] = {}
-    for limbs, parts in ((sides.legs, LIMBS[:3]), (sides.arms, LIMBS[3:])):
+    legs, arms = LIMBS[:3], LIMBS[3:]
+    for limbs, parts in ((sides.legs, legs), (sides.arms, arms)):
         for limb, side in zip(limbs, ("left", "right") if first_is_left else ("right", "left"), strict=True):
             roles |= {f"{side}_{part}": j for part, j in zip(parts, limb.joints, strict=False)}
-            if parts is LIMBS[3:] and limb.before:
+            if parts is arms and limb.before:
                 roles[f"{side}_clavicle"] = limb.before[-1]
-            if len(limb.joints) == 3 and parts is LIMBS[:3] and limb.after:
+            if len(limb.joints) == 3 and parts is legs and limb.after:
                 roles[f"{side}_toe"] = limb.after[0]
     roles["hips"] = guess.legs.parent
     if roles["hips"] < 0:

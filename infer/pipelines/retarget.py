@@ -11,7 +11,7 @@ import numpy as np
 
 from muybridge.errors import FormatError, MuybridgeError
 from muybridge.files import replacing
-from muybridge.geometry.roles import RoleMap, find_roles, load_role_map, suggest_role_map
+from muybridge.geometry.roles import RoleMap, find_motion_roles, find_roles, load_role_map, suggest_role_map
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.people import MOTION_BVH
@@ -131,12 +131,12 @@ def read_take(path: Path, clip: str | None = None, role_map: Path | None = None)
     take = read_file(path, ReadOptions(clip=clip if can_use(path, "clip") else None))
     if take.motion is None:
         raise FormatError(f"{path}: holds points, which have no skeleton", remedy="fit_points")
-    motion = take.motion
+    motion, names = take.motion, take.motion.skeleton.names
     if not len(motion):
         raise FormatError(f"{path}: has no frames; there is nothing to put onto a character")
     chosen = load_role_map(role_map) if role_map is not None else None
     try:
-        found = find_roles(motion.skeleton, None, chosen, motion.joint_positions_world())
+        found = find_motion_roles(motion, {bone: names[j] for bone, j in take.humanoid.items()}, chosen)
     except MuybridgeError as error:
         raise error.about(str(role_map)) from None
     found.require(str(path))

@@ -10,8 +10,7 @@ from muybridge.motion.character.gltf_meshes import read_materials, read_meshes
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.gltf.clips import clip_names_of
 from muybridge.motion.formats.gltf.container import Document
-from muybridge.motion.formats.gltf.nodes import humanoid_bones
-from muybridge.motion.formats.gltf.rig import Rig, read_clip, read_rig, rest_turns
+from muybridge.motion.formats.gltf.rig import Rig, humanoid_joints, read_clip, read_rig, rest_turns
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.joint_frames import motion_of_skeleton, skeleton_at_rest
 
@@ -40,11 +39,9 @@ def read_gltf_character(path: Path, clip: Clip) -> Character:
         BVH_FROM_WORLD.T,
     )  # fmt: skip
     meshes, left_out = read_meshes(rig, rest_linear(rig), in_scene)
-    number = {n: i for i, n in enumerate(order)}
-    bones = humanoid_bones(document.json.get("extensions") or {})
     return Character(
         path, skeleton, places[0], motion, tuple(meshes), read_materials(document), clip_names_of(document),
-        {bone: number[n] for bone, n in bones.items() if n in number},
+        humanoid_joints(rig),
         (*rig.choice.notices, *rig.uneven(frames), *chosen, *left_out), rig,
     )  # fmt: skip
 

@@ -1,15 +1,16 @@
 """Where heels and balls of the feet are, of a skeleton in motion or of labelled points."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.roles import find_motion_roles, find_roles
+from muybridge.geometry.roles.standing import body_axes_at_rest, standing_pose
 from muybridge.geometry.skeleton.aliases import map_body, map_surface
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.geometry.skeleton.profiles import roles_of
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 FEET = ("left", "right")
@@ -30,6 +31,7 @@ class Leg:
         toe: joint at the ball; -1 where there is none.
         heel: (3,) metres from the ankle to the heel, in the foot's axes.
         ball: (3,) metres from the ankle to the ball.
+        ahead: (3,) unit, where the knee points, in the thigh's axes.
     """
 
     thigh: int
@@ -38,6 +40,7 @@ class Leg:
     toe: int
     heel: FloatArray
     ball: FloatArray
+    ahead: FloatArray = field(default_factory=lambda: np.array([0.0, -1.0, 0.0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class FootPoints:
 
 
 def find_legs(
-    skeleton: Skeleton, roles: Mapping[str, int] | None = None, quat_wxyz: FloatArray | None = None
+    skeleton: Skeleton, roles: Mapping[str, int] | None = None, motion: Motion | None = None
 ) -> tuple[Leg, Leg]:
     """The left and the right leg.
 
@@ -67,46 +70,68 @@ def find_legs(
     these then are its ball.
 
     Args:
-        skeleton: rest pose with the soles level, facing -Y.
-        roles: role -> joint; None goes by names.
-        quat_wxyz: (T, J, 4) of a motion, which shows whether toes bend; without one, the limits do.
+        skeleton: whose soles are level at rest, whatever axis is up and wherever it faces.
+        roles: role -> joint; None finds them.
+        motion: which shows whether toes bend (without one, the limits do), and how the body stands where the rest pose
+            does not.
 
     Raises:
-        ValueError: a thigh, shin or foot is not known, or is not below the other.
+        ValueError: a thigh, shin or foot is not known, or a shin is not below its thigh.
     """
-    roles = roles_of(skeleton.names) if roles is None else roles
+    if roles is None:
+        roles = (find_roles(skeleton) if motion is None else find_motion_roles(motion)).roles
     legs = []
     for side in FEET:
         chain = [roles.get(f"{side}_{part}", -1) for part in ("thigh", "shin", "foot")]
         for part, joint in zip(("thigh", "shin", "foot"), chain, strict=True):
             if joint < 0:
                 raise ValueError(f"no joint is known to be {side}_{part}; the joints are {', '.join(skeleton.names)}")
-        if not all(skeleton.is_ancestor[a, b] and a != b for a, b in zip(chain[:-1], chain[1:], strict=True)):
+        if (
+            not skeleton.is_ancestor[chain[0], chain[1]]
+            or chain[0] == chain[1]
+            or skeleton.is_ancestor[chain[2], chain[1]]
+        ):
             names = ", ".join(skeleton.names[j] for j in chain)
             raise ValueError(f"the joints of the {side} leg ({names}) do not hang on one another")
-        toe = roles.get(f"{side}_toe", -1)
-        ball = _ball(skeleton, chain, toe)
-        heel = -_HEEL_BEHIND * ball * [1, 1, 0] + ball * [0, 0, 1]
-        tip = np.asarray(skeleton.tips[toe]) if toe >= 0 else np.full(3, np.nan)
-        if np.isfinite(tip).all() and not _bends(skeleton, toe, quat_wxyz):
-            ball = ball + tip
-        legs.append(Leg(chain[0], chain[1], chain[2], toe, heel, ball))
-    return legs[0], legs[1]
+        legs.append((chain, roles.get(f"{side}_toe", -1)))
+    body = _body_from_joints(skeleton, roles, motion)
+    return _leg(skeleton, *legs[0], body, motion), _leg(skeleton, *legs[1], body, motion)
 
 
-def _bends(skeleton: Skeleton, toe: int, quat_wxyz: FloatArray | None) -> bool:
+def _leg(skeleton: Skeleton, chain: list[int], toe: int, body: FloatArray, motion: Motion | None) -> Leg:
+    """A leg of known joints; `body` (J, 3, 3) as `_body_from_joints` gives it."""
+    of_foot = body[chain[2]]
+    ball = _ball(skeleton, chain, toe, of_foot)
+    heel = -_HEEL_BEHIND * ball * [1, 1, 0] + ball * [0, 0, 1]
+    tip = np.asarray(skeleton.tips[toe]) if toe >= 0 else np.full(3, np.nan)
+    if np.isfinite(tip).all() and not _bends(skeleton, toe, motion):
+        ball = ball + body[toe] @ tip
+    ahead = body[chain[0]].T @ [0.0, -1.0, 0.0]
+    return Leg(chain[0], chain[1], chain[2], toe, of_foot.T @ heel, of_foot.T @ ball, ahead)
+
+
+def _body_from_joints(skeleton: Skeleton, roles: Mapping[str, int], motion: Motion | None) -> FloatArray:
+    """(J, 3, 3) the axes of a body that stands (left, back, up) from each joint's own; the identity without arms, by
+    which the axes of a body are known."""
+    if not all(f"{side}_upper_arm" in roles for side in FEET):
+        return np.tile(np.eye(3), (len(skeleton), 1, 1))
+    places, turns = standing_pose(skeleton, roles, motion)
+    return np.asarray(body_axes_at_rest(places, roles).T @ turns)
+
+
+def _bends(skeleton: Skeleton, toe: int, motion: Motion | None) -> bool:
     """Whether a toe bends at its joint."""
-    if quat_wxyz is None or len(quat_wxyz) < 2:
+    if motion is None or len(motion) < 2:
         return bool((skeleton.lower[toe] < skeleton.upper[toe]).any())
-    return bool(np.abs(quat_wxyz[:, toe] - quat_wxyz[0, toe]).max() > _STILL)
+    return bool(np.abs(motion.quat_wxyz[:, toe] - motion.quat_wxyz[0, toe]).max() > _STILL)
 
 
-def _ball(skeleton: Skeleton, chain: list[int], toe: int) -> FloatArray:
-    """(3,) metres from the ankle to the ball at rest."""
+def _ball(skeleton: Skeleton, chain: list[int], toe: int, body: FloatArray) -> FloatArray:
+    """(3,) metres from the ankle to the ball at rest, in the body's axes; `body` (3, 3) turns the foot's into them."""
     foot = chain[-1]
     if toe >= 0 and skeleton.is_ancestor[foot, toe]:
-        return np.asarray(skeleton.rest_positions[toe] - skeleton.rest_positions[foot])
-    tip = np.asarray(skeleton.tips[foot], dtype=np.float64)
+        return np.asarray(body @ (skeleton.rest_positions[toe] - skeleton.rest_positions[foot]))
+    tip = np.asarray(body @ skeleton.tips[foot])
     if np.isfinite(tip).all() and np.linalg.norm(tip[:2]) > 0:
         return tip
     size = _FOOT_OF_LEG * _length(skeleton, chain)
@@ -125,7 +150,7 @@ def leg_length(skeleton: Skeleton, legs: tuple[Leg, Leg]) -> float:
 
 def feet_of_motion(motion: Motion, roles: Mapping[str, int] | None = None) -> FootPoints:
     """Heels and balls of a skeleton; ValueError as `find_legs`."""
-    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz)
+    legs = find_legs(motion.skeleton, roles, motion)
     world = motion.forward()
     places = np.stack([points_of_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg) for leg in legs], 1)
     size = leg_length(motion.skeleton, legs) / USUAL_LEG_M

@@ -111,7 +111,7 @@ def find_contacts(
     Args:
         source: Z up.
         options: how they are found.
-        roles: of a motion's joints, role -> index; None goes by their names.
+        roles: of a motion's joints, role -> index; None finds them.
         plates: the file's force plates: where a foot is over one, it stands while the plate is loaded.
 
     Raises:

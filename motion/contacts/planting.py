@@ -5,7 +5,7 @@ contact, ankles from the places, a root from which they can be reached, the legs
 blending into the frames beside. Other than there, heel and ball roll: see `foot_plan`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,9 @@ from scipy.ndimage import gaussian_filter1d
 from muybridge.arrays import FloatArray
 from muybridge.geometry.ik.two_bone import move_two_bone
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.contacts.blending import smooth_bound
 from muybridge.motion.contacts.feet import USUAL_LEG_M, Leg, feet_of_motion, find_legs, leg_length
 from muybridge.motion.contacts.find import Contacts, find_contacts, with_floor
@@ -23,7 +25,6 @@ from muybridge.motion.contacts.foot_plan import FootPlan, plan_foot
 _ROUNDS = 6  # of moving the root to where both feet can be reached
 _STRAIGHT = 0.02  # bounds how much more a straight leg counts than a bent one
 _STAY = 0.3  # how much it counts that the root stays, against that a leg stays bent as it is
-_AHEAD = np.array([0.0, -1.0, 0.0])  # knees point there at rest
 
 
 @dataclass(frozen=True)
@@ -77,14 +78,15 @@ def plant_feet(
         motion: Z up, of any skeleton with known thighs, shins and feet.
         contacts: None finds them.
         options: how they are planted.
-        roles: role -> joint; None goes by names.
+        roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.
 
     Raises:
         ValueError: legs are not known, or the contacts are of another number of frames.
     """
     options = options or PlantOptions()
-    legs = find_legs(motion.skeleton, roles, motion.quat_wxyz) if legs is None else legs
+    roles = find_motion_roles(motion).roles if roles is None else roles
+    legs = find_legs(motion.skeleton, roles, motion) if legs is None else legs
     contacts = find_contacts(motion, roles=roles) if contacts is None else contacts
     if len(contacts) != len(motion):
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
@@ -99,11 +101,13 @@ def plant_feet(
         for k, leg in enumerate(legs)
     ]  # fmt: skip
     shift = _root_shift(world, legs, plans, motion.fps, options)
+    motion = _with_feet_sliding(motion, legs)
     turns = matrix_from_quat(motion.quat_wxyz)
-    short = np.zeros((len(motion), 2))
+    short, ankles = np.zeros((len(motion), 2)), []
     for k, (leg, plan) in enumerate(zip(legs, plans, strict=True)):
-        short[:, k] = _bend_leg(motion, world, turns, leg, plan, shift)
-    out = _moved(motion, turns, shift, legs)
+        short[:, k], ankle = _bend_leg(motion, world, turns, leg, plan, shift)
+        ankles.append(ankle)
+    out = _moved(motion, world, turns, shift, legs, ankles)
     return Planted(
         out, contacts, float(np.linalg.norm(shift, axis=1).max()),
         float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
@@ -159,22 +163,50 @@ def _following(world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], 
 
 def _bend_leg(
     motion: Motion, world: FloatArray, turns: FloatArray, leg: Leg, plan: FootPlan, shift: FloatArray
-) -> FloatArray:
-    """Turn a leg's joints, in `turns` (T, J, 3, 3), so that its foot is where it is planned; (T,) metres that lack."""
+) -> tuple[FloatArray, FloatArray]:
+    """Turn a leg's joints, in `turns` (T, J, 3, 3), so that its foot is where it is planned.
+
+    Returns:
+        (T,) metres that lack, and (T, 3) where the ankle gets.
+    """
     parents = motion.skeleton.parents
     hip, knee, ankle = (world[:, j, :3, 3] for j in (leg.thigh, leg.shin, leg.foot))
-    ahead = world[:, leg.thigh, :3, :3] @ _AHEAD
+    ahead = world[:, leg.thigh, :3, :3] @ leg.ahead
     upper, lower, short = move_two_bone((hip, knee, ankle), hip + shift, plan.ankle, ahead)
     above = world[:, parents[leg.thigh], :3, :3] if parents[leg.thigh] >= 0 else np.eye(3)
     turns[:, leg.thigh] = np.swapaxes(above, -1, -2) @ upper @ world[:, leg.thigh, :3, :3]
     above = upper @ world[:, parents[leg.shin], :3, :3]
     turns[:, leg.shin] = np.swapaxes(above, -1, -2) @ lower @ world[:, leg.shin, :3, :3]
-    above = lower @ world[:, parents[leg.foot], :3, :3]
+    above = world[:, parents[leg.foot], :3, :3]
+    if not _is_apart(motion.skeleton, leg):
+        above = lower @ above
     turns[:, leg.foot] = np.swapaxes(above, -1, -2) @ plan.turns
-    return short
+    reached = hip + shift + (upper @ (knee - hip)[..., None] + lower @ (ankle - knee)[..., None])[..., 0]
+    return short, reached
 
 
-def _moved(motion: Motion, turns: FloatArray, shift: FloatArray, legs: tuple[Leg, Leg]) -> Motion:
+def _is_apart(skeleton: Skeleton, leg: Leg) -> bool:
+    """Whether a foot hangs elsewhere than on its shin, such as on a control bone."""
+    return not skeleton.is_ancestor[leg.shin, leg.foot]
+
+
+def _with_feet_sliding(motion: Motion, legs: tuple[Leg, Leg]) -> Motion:
+    """The motion with feet that hang elsewhere than on their shins sliding, since nothing else can move them."""
+    skeleton = motion.skeleton
+    new = {leg.foot for leg in legs if _is_apart(skeleton, leg)} - set(skeleton.sliding)
+    if not new:
+        return motion
+    sliding = tuple(sorted({*skeleton.sliding, *new}))
+    slides = np.tile(skeleton.offsets[list(sliding)], (len(motion), 1, 1))
+    if motion.translations is not None:
+        slides[:, [sliding.index(j) for j in skeleton.sliding]] = motion.translations
+    return replace(motion, skeleton=replace(skeleton, sliding=sliding), translations=slides)
+
+
+def _moved(
+    motion: Motion, world: FloatArray, turns: FloatArray, shift: FloatArray, legs: tuple[Leg, Leg],
+    ankles: Sequence[FloatArray],
+) -> Motion:  # fmt: skip
     """The motion with these rotations, and its root moved: the root that the legs hang on."""
     skeleton = motion.skeleton
     quat = continuous_quat(quat_from_matrix(turns))
@@ -183,10 +215,18 @@ def _moved(motion: Motion, turns: FloatArray, shift: FloatArray, legs: tuple[Leg
     top = legs[0].thigh
     while skeleton.parents[top] >= 0:
         top = skeleton.parents[top]
-    if top == 0 or motion.translations is None:
-        return replace(
-            motion, root_positions_world=motion.root_positions_world + shift, quat_wxyz=continuous_quat(quat)
-        )
-    translations = motion.translations.copy()
-    translations[:, skeleton.sliding.index(top)] += shift
-    return replace(motion, translations=translations, quat_wxyz=continuous_quat(quat))
+    root, translations = motion.root_positions_world, motion.translations
+    if top == 0 or translations is None:
+        root = root + shift
+    else:
+        translations = translations.copy()
+        translations[:, skeleton.sliding.index(top)] += shift
+    for leg, ankle in zip(legs, ankles, strict=True):
+        if not _is_apart(skeleton, leg):
+            continue
+        assert translations is not None
+        translations, parent = translations.copy(), skeleton.parents[leg.foot]
+        gap = ankle - world[:, parent, :3, 3] - (shift if skeleton.is_ancestor[top, parent] else 0.0)
+        back = np.swapaxes(world[:, parent, :3, :3], -1, -2)
+        translations[:, skeleton.sliding.index(leg.foot)] = (back @ gap[..., None])[..., 0]
+    return replace(motion, root_positions_world=root, translations=translations, quat_wxyz=continuous_quat(quat))

@@ -1,6 +1,6 @@
 """What all edits share: the check of their input, and changes of every frame or of the place of a whole take."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
@@ -10,8 +10,8 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.numerics.rotations import matrix_from_quat, multiply_quat, quat_from_rotvec
+from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.geometry.skeleton.profiles import roles_of
 
 Editable = Motion | Points3D
 T = TypeVar("T", Motion, Points3D)
@@ -117,10 +117,10 @@ def per_channel(motion: Motion, positions: Callable[[FloatArray], FloatArray],
     )
 
 
-def body_joint(motion: Motion) -> int:
-    """The joint that goes where the body goes: the hips, or the first joint that moves."""
+def body_joint(motion: Motion, roles: Mapping[str, int] | None = None) -> int:
+    """The joint that goes where the body goes: the hips, or the first joint that moves; `roles` None finds them."""
     skeleton = motion.skeleton
-    hips = roles_of(skeleton.names).get("hips")
+    hips = (find_motion_roles(motion).roles if roles is None else roles).get("hips")
     if hips is not None:
         return hips
     still = np.ptp(motion.root_positions_world, axis=0).max() < 1e-4 if len(motion) else False

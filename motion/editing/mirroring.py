@@ -5,6 +5,7 @@ counterpart's images point, also on a skeleton whose rest pose is not symmetric:
 leads from its own bone at rest to the image of its counterpart's. Bones keep their lengths.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
@@ -20,6 +21,7 @@ from muybridge.geometry.numerics.rotations import (
     log_so3,
     quat_from_matrix,
 )
+from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.editing.channels import T, body_joint, check_editable, roots_of
@@ -50,19 +52,20 @@ class RestImages:
         return float(np.linalg.norm(log_so3(self.turns), axis=-1).max())
 
 
-def mirror(thing: T, plane: Plane = "start") -> T:
+def mirror(thing: T, plane: Plane = "start", roles: Mapping[str, int] | None = None) -> T:
     """Exchange left and right.
 
     Args:
         thing: a motion, or points whose names say left and right.
         plane: the vertical plane of the mirror: "start" goes through where the body is at the start, along its
             heading, so that the take begins as it did; "x" and "y" are the world's planes x = 0 and y = 0.
+        roles: role -> joint of a motion; None finds them.
 
     Raises:
         MuybridgeError: the skeleton or the names have no two sides, or the clip is empty.
     """
     check_editable(thing)
-    return cast(T, _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane))  # type: ignore[redundant-cast]
+    return cast(T, _mirror_points(thing, plane) if isinstance(thing, Points3D) else _mirror_motion(thing, plane, roles))  # type: ignore[redundant-cast]
 
 
 def rest_images(skeleton: Skeleton, sides: Sides) -> RestImages:
@@ -116,12 +119,13 @@ def _reflection(normal: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) - 2 * np.outer(normal, normal))
 
 
-def _mirror_motion(motion: Motion, plane: Plane) -> Motion:
-    sides = find_sides(motion.skeleton)
+def _mirror_motion(motion: Motion, plane: Plane, roles: Mapping[str, int] | None) -> Motion:
+    roles = find_motion_roles(motion).roles if roles is None else roles
+    sides = find_sides(motion.skeleton, roles)
     motion = _with_sides_sliding(motion, sides)
     skeleton, partner = motion.skeleton, list(sides.partner)
     images = rest_images(skeleton, sides)
-    place, normal = _plane_of_motion(motion, sides, images, plane)
+    place, normal = _plane_of_motion(motion, sides, images, plane, body_joint(motion, roles))
     across = _reflection(normal)
     turns = motion.forward()[..., :3, :3]
     turned = across @ turns[:, partner] @ images.reflection @ images.turns
@@ -154,11 +158,13 @@ def _with_sides_sliding(motion: Motion, sides: Sides) -> Motion:
     return replace(motion, skeleton=replace(skeleton, sliding=wanted), translations=slides)
 
 
-def _plane_of_motion(motion: Motion, sides: Sides, images: RestImages, plane: Plane) -> tuple[FloatArray, FloatArray]:
+def _plane_of_motion(
+    motion: Motion, sides: Sides, images: RestImages, plane: Plane, body: int
+) -> tuple[FloatArray, FloatArray]:
     """A point of the mirror's plane and its unit normal; the same for the mirror image of the motion."""
     if plane != "start":
         return np.zeros(3), np.eye(3)["xy".index(plane)]
-    skeleton, body = motion.skeleton, body_joint(motion)
+    skeleton = motion.skeleton
     if sides.partner[body] != body:
         body = 0
     world = motion.select(slice(0, _start_frames(motion.fps))).forward()

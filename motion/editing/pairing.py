@@ -5,14 +5,14 @@ pose: a joint that has a counterpart where its mirror image is.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.skeleton.profiles import roles_of
+from muybridge.geometry.roles import find_roles
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 _SNAP = np.cos(np.radians(10))
@@ -60,13 +60,17 @@ def pair_names(names: Sequence[str]) -> dict[int, int]:
     return out
 
 
-def find_sides(skeleton: Skeleton) -> Sides:
+def find_sides(skeleton: Skeleton, roles: Mapping[str, int] | None = None) -> Sides:
     """Pair the joints of a skeleton.
+
+    Args:
+        skeleton: any.
+        roles: role -> joint, of a human body; None finds them.
 
     Raises:
         MuybridgeError: the skeleton has no two sides.
     """
-    roles = roles_of(skeleton.names)
+    roles = find_roles(skeleton).roles if roles is None else roles
     partner = list(range(len(skeleton)))
     how = {"roles": 0, "names": 0, "places": 0}
     lefts: list[int] = []

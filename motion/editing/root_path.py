@@ -1,5 +1,6 @@
 """The way that a body goes over the ground, taken out of a motion, or given to a root bone."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from muybridge.geometry.numerics.rotations import (
     quat_from_matrix,
     quat_from_rotvec,
 )
+from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.editing.channels import body_joint, check_editable, placed
@@ -37,7 +39,9 @@ class GroundPath:
     yaw: FloatArray
 
 
-def ground_path(motion: Motion, smoothing: float = _SMOOTHING, turning: bool = True) -> GroundPath:
+def ground_path(
+    motion: Motion, smoothing: float = _SMOOTHING, turning: bool = True, roles: Mapping[str, int] | None = None
+) -> GroundPath:
     """The path of the hips over the ground (of the first joint that moves, where no hips are known).
 
     Args:
@@ -45,6 +49,7 @@ def ground_path(motion: Motion, smoothing: float = _SMOOTHING, turning: bool = T
         smoothing: seconds, standard deviation of a Gaussian: what the hips do faster, such as swaying with each step,
             is not part of the path. Zero follows the hips exactly.
         turning: whether the path turns with the body; else its heading is zero.
+        roles: role -> joint; None finds them.
 
     Raises:
         MuybridgeError: the smoothing is below zero or not a number, or the clip is empty.
@@ -52,7 +57,7 @@ def ground_path(motion: Motion, smoothing: float = _SMOOTHING, turning: bool = T
     check_editable(motion)
     if not 0 <= smoothing < np.inf:
         raise MuybridgeError(f"the smoothing must be zero or more seconds, not {smoothing:g}")
-    world = motion.forward()[:, body_joint(motion)]
+    world = motion.forward()[:, body_joint(motion, roles)]
     sigma = smoothing * motion.fps
     yaw = _smooth(_yaw(world[:, :3, :3]), sigma) if turning else np.zeros(len(motion))
     return GroundPath(_smooth(world[:, :2, 3], sigma), yaw)
@@ -91,23 +96,27 @@ def with_path(motion: Motion, path: GroundPath) -> Motion:
     return placed(motion, path.yaw, np.column_stack([path.places, np.zeros(len(path.yaw))]))
 
 
-def in_place(motion: Motion, smoothing: float = _SMOOTHING, turning: bool = False) -> Motion:
+def in_place(
+    motion: Motion, smoothing: float = _SMOOTHING, turning: bool = False, roles: Mapping[str, int] | None = None
+) -> Motion:
     """The motion on the spot, over the origin, as if on a treadmill.
 
     Args:
         motion: Z up.
         smoothing: seconds; see `ground_path`.
         turning: whether turning is taken out too, so that the body always faces one way.
+        roles: role -> joint; None finds them.
 
     Raises:
         MuybridgeError: as `ground_path`.
     """
-    return without_path(motion, ground_path(motion, smoothing, turning))
+    return without_path(motion, ground_path(motion, smoothing, turning, roles))
 
 
 def extract_root_motion(
-    motion: Motion, name: str | None = None, smoothing: float = _SMOOTHING, turning: bool = True
-) -> Motion:
+    motion: Motion, name: str | None = None, smoothing: float = _SMOOTHING, turning: bool = True,
+    roles: Mapping[str, int] | None = None,
+) -> Motion:  # fmt: skip
     """Give the path over the ground to a root bone, which game engines move a character by.
 
     A bone that is above the hips already becomes it; otherwise a new bone is put above every root. All joints stay
@@ -118,12 +127,14 @@ def extract_root_motion(
         name: of a new bone; None: "root", or "root_motion" where a joint has that name.
         smoothing: seconds; see `ground_path`.
         turning: whether the bone turns with the body.
+        roles: role -> joint; None finds them.
 
     Raises:
         MuybridgeError: a joint has the name already, or as `ground_path`.
     """
-    path = ground_path(motion, smoothing, turning)
-    skeleton, body = motion.skeleton, body_joint(motion)
+    roles = find_motion_roles(motion).roles if roles is None else roles
+    path = ground_path(motion, smoothing, turning, roles)
+    skeleton, body = motion.skeleton, body_joint(motion, roles)
     has_bone = body != 0 and bool(skeleton.is_ancestor[0, body]) and len(skeleton.roots) == 1
     name = name or next(n for n in ("root", *_OTHER_NAMES) if n not in skeleton.names)
     if not has_bone and name in skeleton.names:

@@ -13,6 +13,7 @@ import numpy as np
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.geometry.smoothing.filters import METHODS
@@ -88,6 +89,13 @@ def _motion(take: Take) -> Motion:
     return take.motion
 
 
+def _roles(take: Take) -> dict[str, int]:
+    """Role -> joint, as the file states them, else by names, else by geometry; empty where there is no human body."""
+    motion = _motion(take)
+    table = {bone: motion.skeleton.names[j] for bone, j in take.humanoid.items()}
+    return find_motion_roles(motion, table).roles
+
+
 def _trim(take: Take, start: float, end: float | None) -> tuple[Take, str]:
     thing = _of(take)
     a, b = cutting.trim_frames(thing, start, end)
@@ -111,7 +119,8 @@ def _mirror(take: Take, plane: str) -> tuple[Take, str]:
         note = f"{counted(len(pairs), 'pair')} of points exchanged{first}; {alone} without a counterpart"
         return _edited(take, mirror, plane), note
     skeleton = take.motion.skeleton
-    sides = find_sides(skeleton)
+    roles = _roles(take)
+    sides = find_sides(skeleton, roles)
     pairs = {j: p for j, p in enumerate(sides.partner) if p > j}
     a, b = next(iter(pairs.items()))
     how = ", ".join(f"{count} by {source}" for source, count in sides.how.items() if count)
@@ -122,7 +131,7 @@ def _mirror(take: Take, plane: str) -> tuple[Take, str]:
     angle = np.degrees(rest_images(skeleton, sides).largest_angle)
     if angle > 1:
         note += f"; the sides of the rest pose differ by up to {counted(round(angle), 'degree')}, which is allowed for"
-    return _edited(take, mirror, plane), note
+    return _edited(take, mirror, plane, roles), note
 
 
 def _loop(take: Take, shortest: float | None, longest: float | None, travel: looping.Travel) -> tuple[Take, str]:
@@ -139,17 +148,19 @@ def _loop(take: Take, shortest: float | None, longest: float | None, travel: loo
 
 
 def _in_place(take: Take, smoothing: float, turning: str) -> tuple[Take, str]:
-    path = root_path.ground_path(_motion(take), smoothing)
-    return _edited(take, root_path.in_place, smoothing, turning == "remove"), f"{_of_path(path)} taken out"
+    roles = _roles(take)
+    path = root_path.ground_path(_motion(take), smoothing, roles=roles)
+    return _edited(take, root_path.in_place, smoothing, turning == "remove", roles), f"{_of_path(path)} taken out"
 
 
 def _root_motion(take: Take, name: str | None, smoothing: float, turning: str) -> tuple[Take, str]:
     before = _motion(take)
-    path = root_path.ground_path(before, smoothing, turning == "follow")
-    out = _edited(take, root_path.extract_root_motion, name, smoothing, turning == "follow")
-    bone = _motion(out).skeleton.names[0]
-    made = "the new bone" if len(_motion(out).skeleton) > len(before.skeleton) else "the bone"
-    return out, f"{_of_path(path)} given to {made} {bone}"
+    roles = _roles(take)
+    path = root_path.ground_path(before, smoothing, turning == "follow", roles)
+    out = _edited(take, root_path.extract_root_motion, name, smoothing, turning == "follow", roles)
+    bone, new = _motion(out).skeleton.names[0], len(_motion(out).skeleton) - len(before.skeleton)
+    out = replace(out, humanoid={part: j + new for part, j in take.humanoid.items()})
+    return out, f"{_of_path(path)} given to {'the new bone' if new else 'the bone'} {bone}"
 
 
 def _of_path(path: root_path.GroundPath) -> str:
@@ -176,7 +187,7 @@ def _floor(take: Take, height: float) -> tuple[Take, str]:
 def _plant(take: Take) -> tuple[Take, str]:
     motion = _motion(take)
     try:
-        planted = plant_feet(motion)
+        planted = plant_feet(motion, roles=_roles(take))
     except ValueError as error:  # legs that are not known
         raise MuybridgeError(str(error)) from error
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
@@ -202,11 +213,12 @@ def _reduce(take: Take, tolerance: float, angle: float) -> tuple[Take, str]:
 
 def _rename(take: Take, profile: str) -> tuple[Take, str]:
     motion = _motion(take)
-    new = naming.new_names(motion, profile)
+    roles = _roles(take)
+    new = naming.new_names(motion, profile, roles)
     kept = [name for name in motion.skeleton.names if name not in new]
     note = f"{counted(len(new), 'joint')} renamed to those of {profile}"
     note += f"; unknown there, so kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
-    return _edited(take, naming.rename_joints, profile), note
+    return _edited(take, naming.rename_joints, profile, roles), note
 
 
 def _scale(take: Take, factor: float) -> tuple[Take, str]:

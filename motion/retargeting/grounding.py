@@ -217,7 +217,7 @@ def _fitted_once(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, sec
 
 def plant(motion: Motion, rig: Rig, contact: BoolArray, soles: Soles, options: PlantOptions) -> Planted:
     """The motion with its feet planted, soles on the floor at z = 0."""
-    one, other = find_legs(motion.skeleton, rig.roles, motion.quat_wxyz)
+    one, other = find_legs(motion.skeleton, rig.roles, motion)
     legs = replace(one, heel=soles.heel[0]), replace(other, heel=soles.heel[1])
     clearance = np.array([[0.0, leg.ball[2] - ball[2]] for leg, ball in zip(legs, soles.ball, strict=True)])
     contacts = replace(Contacts.of_feet(contact, motion.fps, Floor()), clearance=clearance)

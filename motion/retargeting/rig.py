@@ -10,15 +10,11 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import matrix_from_quat
-from muybridge.geometry.roles.facing import unit
+from muybridge.geometry.roles.standing import body_axes_at_rest, standing_pose
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
 SIDES = ("left", "right")
-_UPRIGHT = 0.85  # cosine between the trunk and an axis of the world above which that axis is up
-_STRAIGHT = 0.9962  # of 5 degrees: sides that are nearer to an axis of the world lie along it
-_LEGS_DOWN = 0.5  # cosine below which a rest pose does not stand
-_FRAMES = 400  # that are looked at for one that stands
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +92,7 @@ def make_rig(skeleton: Skeleton, roles: Mapping[str, int], root_at_rest: FloatAr
         motion: of it; where the rest pose does not stand (legs that point up, as in files without one), the frame that
             stands straightest serves as rest.
     """
-    places = skeleton.rest_positions
-    turns = np.tile(np.eye(3), (len(skeleton), 1, 1))
-    if motion is not None and len(motion) and _legs_down(places, roles) < _LEGS_DOWN:
-        some = motion.select(np.unique(np.linspace(0, len(motion) - 1, _FRAMES).astype(int)))
-        world = some.forward()
-        best = int(np.argmax([_standing(frame[:, :3, 3], roles) for frame in world]))
-        places, turns = world[best, :, :3, 3], world[best, :, :3, :3]
+    places, turns = standing_pose(skeleton, roles, motion)
     parents, detached = _joined(skeleton, roles)
     mover = _mover(parents, roles)
     joints = [mover]
@@ -119,43 +109,6 @@ def make_rig(skeleton: Skeleton, roles: Mapping[str, int], root_at_rest: FloatAr
         (places[joints] - places[mover]) @ axes, (skeleton.tips[joints][:, None] @ np.swapaxes(unposed, -1, -2))[:, 0],
         unposed, tuple(index[j] for j in detached), places[mover] + start,
     )  # fmt: skip
-
-
-def body_axes_at_rest(places: FloatArray, roles: Mapping[str, int]) -> FloatArray:
-    """(3, 3) the body's left, back and up as columns; along the world's axes where they nearly are."""
-
-    def middle(part: str) -> FloatArray:
-        return np.asarray((places[roles[f"left_{part}"]] + places[roles[f"right_{part}"]]) / 2)
-
-    def across(part: str) -> FloatArray:
-        return unit(places[roles[f"left_{part}"]] - places[roles[f"right_{part}"]])
-
-    up = _snapped(unit(middle("upper_arm") - middle("thigh")), _UPRIGHT)
-    left = across("thigh") + across("upper_arm")
-    left = _snapped(unit(left - (left @ up) * up), _STRAIGHT)
-    left = unit(left - (left @ up) * up)
-    return np.stack([left, np.cross(up, left), up], axis=1)
-
-
-def _snapped(vector: FloatArray, cosine: float) -> FloatArray:
-    axis = int(np.argmax(np.abs(vector)))
-    return np.eye(3)[axis] * np.sign(vector[axis]) if abs(vector[axis]) > cosine else vector
-
-
-def _legs_down(places: FloatArray, roles: Mapping[str, int]) -> float:
-    trunk = sum(places[roles[f"{s}_upper_arm"]] - places[roles[f"{s}_thigh"]] for s in SIDES)
-    legs = sum(places[roles[f"{s}_foot"]] - places[roles[f"{s}_thigh"]] for s in SIDES)
-    return -float(unit(np.asarray(trunk)) @ unit(np.asarray(legs)))
-
-
-def _standing(places: FloatArray, roles: Mapping[str, int]) -> float:
-    """How straight and upright a pose stands."""
-    out = 0.0
-    for s in SIDES:
-        hip, knee, ankle = (places[roles[f"{s}_{part}"]] for part in ("thigh", "shin", "foot"))
-        shoulder = places[roles[f"{s}_upper_arm"]]
-        out += unit(hip - knee)[2] + unit(knee - ankle)[2] + unit(shoulder - hip)[2]
-    return float(out)
 
 
 def _joined(skeleton: Skeleton, roles: Mapping[str, int]) -> tuple[list[int], list[int]]:

@@ -13,7 +13,7 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.gltf.clips import clip_names_of
 from muybridge.motion.formats.gltf.container import Document
-from muybridge.motion.formats.gltf.rig import Frame, Rig, read_clip, read_rig, rest_turns
+from muybridge.motion.formats.gltf.rig import Frame, Rig, humanoid_joints, read_clip, read_rig, rest_turns
 from muybridge.motion.formats.skeletal.bvh import BVH_FROM_WORLD
 from muybridge.motion.formats.skeletal.joint_frames import motion_from_frames
 from muybridge.motion.take import Take
@@ -58,7 +58,7 @@ def _read(document: Document, clip: Clip) -> Take:
     rig = read_rig(document)
     frames, fps, chosen = read_clip(rig, clip)
     notices = (*rig.choice.notices, *rig.uneven(frames), *chosen)
-    return Take(motion=_motion(rig, frames, fps), notices=notices)
+    return Take(motion=_motion(rig, frames, fps), notices=notices, humanoid=humanoid_joints(rig))
 
 
 def _motion(rig: Rig, frames: dict[int, Frame], fps: float) -> Motion:

@@ -19,6 +19,7 @@ from muybridge.motion.formats.gltf.nodes import (
     Node,
     choose_joints,
     even_scale,
+    humanoid_bones,
     nearest_rotation,
     path_to,
     read_nodes,
@@ -100,6 +101,13 @@ def read_rig(document: Document) -> Rig:
     for skin in choice.skins:
         _bind(rig, skin)
     return rig
+
+
+def humanoid_joints(rig: Rig) -> dict[str, int]:
+    """The joints of a VRM humanoid by the names of VRM 1.0's bones; empty where the file states none."""
+    number = {n: i for i, n in enumerate(rig.choice.order)}
+    bones = humanoid_bones(rig.document.json.get("extensions") or {})
+    return {bone: number[n] for bone, n in bones.items() if n in number}
 
 
 def read_clip(rig: Rig, clip: Clip) -> tuple[dict[int, Frame], float, list[str]]:

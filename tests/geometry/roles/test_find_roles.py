@@ -170,3 +170,13 @@ def test_real_characters_with_scrambled_names(real_data):
     assert [n for n, kind in kinds.items() if kind == "quadruped"] == list(kinds)[-2:]
     # Of the knight's wrist and hand, geometry takes the wrist for the hand's joint.
     assert [len(roles) for roles in right.values()] == [11, 13, 13, 13, 13, 13, 13, 13, 13, 13]
+
+
+def test_clavicles_and_toes_are_found_by_geometry():
+    rng = np.random.default_rng(0)
+    skeleton, roles = human(rng, fingers=5, root=True).build(Rotation.random(random_state=1), 1.0, rng)
+    found = find_roles(skeleton)
+    assert found.how == "geometry"
+    for side in ("left", "right"):
+        assert found.roles[f"{side}_clavicle"] == skeleton.parents[roles[f"{side}_upper_arm"]]
+        assert skeleton.parents[found.roles[f"{side}_toe"]] == roles[f"{side}_foot"]

@@ -166,8 +166,11 @@ def test_renaming_to_every_profile() -> None:
     with pytest.raises(MuybridgeError, match="choose one of muybridge"):
         rename_joints(motion, "maya")
     unknown = tuple(f"b{k}" for k in range(len(motion.skeleton)))
-    with pytest.raises(MuybridgeError, match="not known by their names"):
-        rename_joints(replace(motion, skeleton=replace(motion.skeleton, names=unknown)), "vrm")
+    of_shape = rename_joints(replace(motion, skeleton=replace(motion.skeleton, names=unknown)), "muybridge")
+    assert of_shape.skeleton.names == motion.skeleton.names
+    nobody = replace(motion, skeleton=replace(motion.skeleton, names=unknown, offsets=0 * motion.skeleton.offsets))
+    with pytest.raises(MuybridgeError, match="not known, neither by their names"):
+        rename_joints(nobody, "vrm")
     taken = ("hips", "Spine", *motion.skeleton.names[2:])
     clash = replace(motion, skeleton=replace(motion.skeleton, names=taken))
     if "Spine" not in PROFILES["humanik"].values():
