@@ -19,14 +19,15 @@ from muybridge.infer.results.run import DEFAULT_OUT
 from muybridge.infer.session.discover import is_results
 from muybridge.motion.character.character import Character
 from muybridge.motion.character.read import read_character
-from muybridge.motion.character.write import write_character_clip
+from muybridge.motion.character.write import check_takes_clips, write_character_clip
 from muybridge.motion.editing.resampling import resample
 from muybridge.motion.formats.clip_choice import first_clip_notice
 from muybridge.motion.formats.registry import FORMATS, ReadOptions, can_use, check_writable, read_file, write_file
 from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
 from muybridge.motion.take import Take
 
-CLIPS = (".glb", ".gltf", ".vrm")  # files that take one more clip and keep all else
+CLIPS = (".glb", ".gltf", ".vrm", ".fbx")  # files that take one more clip and keep all else
+_ONE_CLIP = (".vrma", ".bvh")  # files whose motion another one takes the place of
 _MOTION = tuple(s for s, f in FORMATS.items() if f.write_motion is not None and f.read is not None)
 _MOST_NAMES = 8
 
@@ -48,6 +49,11 @@ class Target:
         """Those of reading it, but for the clip that was read: only the skeleton and the meshes count."""
         of_clip = first_clip_notice(self.character.path, self.character.clips)
         return tuple(n for n in self.character.notices if n != of_clip)
+
+    @property
+    def clips(self) -> tuple[str, ...]:
+        """Names of the clips that its file keeps."""
+        return self.character.clips if self.character.path.suffix.lower() in CLIPS else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +105,8 @@ def read_target(path: Path, role_map: Path | None = None) -> Target:
     """
     character = read_character(path)
     table = {bone: character.skeleton.names[j] for bone, j in character.humanoid.items()}
+    if path.suffix.lower() in CLIPS:
+        check_takes_clips(character)
     chosen = load_role_map(role_map) if role_map is not None else None
     try:
         places = character.motion.joint_positions_world() if len(character.motion) > 1 else None
@@ -210,20 +218,33 @@ def check_output(paths: Sequence[Path], to: Path) -> None:
         if path.suffix.lower() != to.suffix.lower():
             raise MuybridgeError(f"{path}: takes on {to.name} are written as {to.suffix.lower()}, as the character is",
                                  remedy="other_name")  # fmt: skip
-        if path.suffix.lower() not in CLIPS:
+        if path.suffix.lower() not in CLIPS + _ONE_CLIP:
             check_writable(path)
 
 
 def write_placed(placed: Sequence[Placed], target: Target, paths: Sequence[Path]) -> list[str]:
     """Write the clips; what else had to change is returned, one sentence each."""
-    if target.character.path.suffix.lower() in CLIPS:
-        return _write_clips(placed, target.character, paths[0])
-    notices = []
+    character = target.character
+    if character.path.suffix.lower() in CLIPS:
+        return _write_clips(placed, character, paths[0])
+    notices: list[str] = []
     for one, path in zip(placed, paths, strict=True):
+        if character.path.suffix.lower() in _ONE_CLIP:
+            notices += _write_alone(one, character, path)
+        else:
+            write_file(path, Take(motion=one.result.motion))
+    return list(dict.fromkeys(notices))
+
+
+def _write_alone(one: Placed, character: Character, path: Path) -> tuple[str, ...]:
+    """The character's file with another motion; a BVH whose channels cannot hold it gets a hierarchy of its own."""
+    try:
+        return write_character_clip(character, one.result.motion, path, one.name, alone=True)
+    except FormatError as error:
+        if path.suffix.lower() != ".bvh":
+            raise
         write_file(path, Take(motion=one.result.motion))
-    if target.character.meshes:
-        notices.append(f"{paths[0].name}: holds the skeleton and its motion, without the character's meshes")
-    return notices
+        return (f"{error.message}; the hierarchy is written anew, with such channels",)
 
 
 def read_run_target(path: Path) -> Target:
@@ -243,7 +264,7 @@ def read_run_target(path: Path) -> Target:
 def retarget_results(folder: Path, target: Target, options: RetargetOptions | None = None) -> list[str]:
     """Put the motion of every person in a results folder onto a character, whose file goes there; notices."""
     takes = find_takes([folder])
-    names = clip_names(takes, None, target.character.clips)
+    names = clip_names(takes, None, target.clips)
     placed = [place(take, target, name, options or RetargetOptions())
               for take, name in zip(takes, names, strict=True)]  # fmt: skip
     paths = output_paths(Path(target.character.path.name), target.character.path, names)

@@ -86,11 +86,9 @@ def find_legs(
         for part, joint in zip(("thigh", "shin", "foot"), chain, strict=True):
             if joint < 0:
                 raise ValueError(f"no joint is known to be {side}_{part}; the joints are {', '.join(skeleton.names)}")
-        if (
-            not skeleton.is_ancestor[chain[0], chain[1]]
-            or chain[0] == chain[1]
-            or skeleton.is_ancestor[chain[2], chain[1]]
-        ):
+        thigh, shin, foot = chain
+        # A foot may hang elsewhere, on a control bone.
+        if not skeleton.is_ancestor[thigh, shin] or thigh == shin or skeleton.is_ancestor[foot, shin]:
             names = ", ".join(skeleton.names[j] for j in chain)
             raise ValueError(f"the joints of the {side} leg ({names}) do not hang on one another")
         legs.append((chain, roles.get(f"{side}_toe", -1)))

@@ -52,8 +52,8 @@ def retarget(
 
     Directions of limbs, trunk and head are the take's, the path over the ground is scaled by the length of the legs,
     and the feet are planted on the character's own soles. Takes are files of motion, folders of them, and session or
-    results folders. A .glb, .gltf or .vrm keeps everything that it had; a .bvh or .fbx is written anew with the
-    skeleton and the take.
+    results folders. A .glb, .gltf, .vrm or .fbx keeps all that it had; in a .vrma or .bvh, which hold one motion,
+    the take goes in its place.
 
     Examples:
         muybridge retarget walk.bvh --to hero.glb
@@ -91,7 +91,7 @@ def retarget(
         return _suggest(target, out or Path(f"{to.stem}.map.toml"), overwrite)
     target.roles.require(str(to))
     files = takes_of(takes, take_clip)
-    names = clip_names(files, clip_name, target.character.clips)
+    names = clip_names(files, clip_name, target.clips)
     paths = output_paths(out, to, names)
     check_output(paths, to)
     check_replaceable(paths, overwrite, [to, *files], make_folders=False)

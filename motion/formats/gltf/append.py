@@ -59,7 +59,7 @@ def node_tracks(
 
 
 def write_gltf_clip(
-    rig: Rig, tracks: dict[tuple[int, str], FloatArray], fps: float, path: Path, name: str
+    rig: Rig, tracks: dict[tuple[int, str], FloatArray], fps: float, path: Path, name: str, alone: bool = False
 ) -> tuple[str, ...]:
     """Write the file of a rig again with one more animation.
 
@@ -69,6 +69,7 @@ def write_gltf_clip(
         fps: frames per second.
         path: the file to write; other files that a `.gltf` names are copied beside it.
         name: of the animation.
+        alone: whether it takes the place of the animations that are there; their numbers stay in the buffer.
 
     Returns:
         What else had to change, one sentence each.
@@ -103,7 +104,10 @@ def write_gltf_clip(
         text.append("buffers", [{"byteLength": len(buffer.data), "uri": uri}])
     text.append("accessors", [a | {"bufferView": views + a["bufferView"]} for a in buffer.accessors])
     text.append("bufferViews", [v | {"buffer": number, "byteOffset": base + v["byteOffset"]} for v in buffer.views])
-    text.append("animations", [animation])
+    if alone and document.json.get("animations"):
+        text.replace([animation], "animations")
+    else:
+        text.append("animations", [animation])
     data = _packed(document, text.changed(), binary)
     _copy_files(document, path)
     with replacing(path) as temporary:

@@ -20,6 +20,7 @@ from muybridge.motion.character import read_character
 from muybridge.motion.formats.registry import read_file, write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import four_legged, human
+from tests.motion.formats.test_fbx_text import text_file
 from tests.motion.retargeting.test_retarget import directions, moving
 
 QUIET = 0.1
@@ -74,6 +75,51 @@ def test_takes_on_a_bvh_are_files_each(tmp_path, take, capsys):
     assert run_command(["retarget", str(take), str(other), "--to", str(target), "--out", str(out)]) == 0
     assert (tmp_path / "on_stick_walk.bvh").is_file() and (tmp_path / "on_stick_jump.bvh").is_file()
     assert "no mesh of the feet" in capsys.readouterr().out
+
+
+def test_an_fbx_keeps_its_meshes_and_gets_a_clip_for_every_take(tmp_path, take):
+    target = body_file(tmp_path / "hero.fbx", human(np.random.default_rng(1), spine=4, legs=0.8), 1)
+    other, out = take.with_name("jump.bvh"), tmp_path / "out.fbx"
+    other.write_bytes(take.read_bytes())
+    assert run_command(["retarget", str(take), str(other), "--to", str(target), "--out", str(out)]) == 0
+    before, after = read_character(target), read_character(out, "jump")
+    assert after.clips == (*before.clips, "walk", "jump") and len(after.motion) == 20
+    assert len(before.meshes) == len(after.meshes) == 1
+    np.testing.assert_array_equal(before.meshes[0].positions, after.meshes[0].positions)
+    roles = [find_roles(skeleton).roles for skeleton in (read_file(take).motion.skeleton, after.skeleton)]
+    gap = directions(read_file(take).motion, roles[0]) - directions(after.motion, roles[1])
+    arms = gap.reshape(len(gap), 2, 4, 3)[:, :, :2]
+    assert np.abs(arms).max() < 1e-3, "legs are planted"
+
+
+def test_a_text_fbx_is_refused_before_anything_is_done(tmp_path, take, capsys):
+    target = text_file(body_file(tmp_path / "b.fbx", human(np.random.default_rng(1)), 1), tmp_path / "hero.fbx")
+    assert "FBX as text" in refused([take, "--to", target, "--out", tmp_path / "out.fbx"], capsys)
+    assert not (tmp_path / "out.fbx").exists()
+
+
+def test_the_motion_of_a_vrm_animation_is_replaced(tmp_path, take, hero):
+    target, out = tmp_path / "idle.vrma", tmp_path / "out.vrma"
+    target.write_bytes(hero.read_bytes())
+    assert run_command(["retarget", str(take), "--to", str(target), "--out", str(out)]) == 0
+    again = read_character(out)
+    assert again.clips == ("walk",) and len(again.motion) == 20
+    assert len(again.meshes) == len(read_character(target).meshes)
+
+
+def test_the_motion_of_a_bvh_is_replaced_and_its_hierarchy_kept(tmp_path, take):
+    target = body_file(tmp_path / "stick.bvh", human(np.random.default_rng(2), spine=2), 2)
+    out = tmp_path / "out.bvh"
+    assert run_command(["retarget", str(take), "--to", str(target), "--out", str(out)]) == 0
+    heads = [path.read_text().split("MOTION")[0] for path in (target, out)]
+    assert heads[0] == heads[1]
+
+
+def test_a_bvh_whose_hips_cannot_move_is_written_anew(tmp_path, take, capsys):
+    target, out = tmp_path / "stick.bvh", tmp_path / "out.bvh"
+    body_file(target, human(np.random.default_rng(2), root=True), 2)
+    assert run_command(["retarget", str(take), "--to", str(target), "--out", str(out)]) == 0
+    assert "position channels" in capsys.readouterr().err and len(read_file(out).motion) == 20
 
 
 def test_frame_rates_that_differ_are_resampled_and_said(tmp_path, take, hero, capsys):
@@ -145,7 +191,8 @@ def test_names_of_clips_and_files():
     assert clip_names(takes, "go", []) == ["go", "go_2"]
     assert output_paths(None, Path("x/hero.glb"), ["walk"]) == [Path("hero_walk.glb")]
     assert output_paths(None, Path("hero.vrm"), ["walk", "run"]) == [Path("hero_takes.vrm")]
-    assert output_paths(None, Path("hero.fbx"), ["walk", "run"]) == [Path("hero_walk.fbx"), Path("hero_run.fbx")]
+    assert output_paths(None, Path("hero.fbx"), ["walk", "run"]) == [Path("hero_takes.fbx")]
+    assert output_paths(None, Path("hero.bvh"), ["walk", "run"]) == [Path("hero_walk.bvh"), Path("hero_run.bvh")]
 
 
 def test_motion_of_a_results_folder_goes_onto_a_character(tmp_path, take, hero):
