@@ -7,7 +7,9 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.roles.geometric import Body, find_by_geometry
 from muybridge.geometry.roles.names import roles_by_profile, roles_by_words, sides_by_names
+from muybridge.geometry.roles.one_piece import one_piece_limbs
 from muybridge.geometry.roles.role_map import CORE_ROLES, LIMBS, RoleMap, in_order, joints_of_map
+from muybridge.geometry.roles.tree import build_tree
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES, ROLES
 from muybridge.geometry.skeleton.skeleton import Skeleton
@@ -55,6 +57,11 @@ def find_roles(
         return _of_geometry(skeleton, body)
     if named:
         return RoleMap(named, f"names:{profile}", "human")
+    limbs = one_piece_limbs(build_tree(skeleton)) if body.kind == "other" else None
+    if limbs is not None:
+        notes = (f"{part}: {skeleton.names[a]}, {skeleton.names[b]}"
+                 for part, (a, b) in zip(("legs", "arms"), limbs, strict=True))  # fmt: skip
+        return RoleMap({}, "none", "one piece", tuple(notes))
     return RoleMap({}, "none", body.kind)
 
 

@@ -10,12 +10,14 @@ from muybridge.errors import FormatError, MuybridgeError, parsing
 from muybridge.geometry.skeleton.profiles import ROLES
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
-Kind = Literal["human", "quadruped", "other"]
+Kind = Literal["human", "quadruped", "one piece", "other"]
 LIMBS = ("thigh", "shin", "foot", "upper_arm", "forearm", "hand")
 CORE_ROLES = ("hips", *(f"{side}_{part}" for side in ("left", "right") for part in LIMBS))
 _MOST_NAMES = 12  # joints that a message lists
 _KINDS = {
     "quadruped": "is that of an animal on four legs",
+    "one piece": "is that of a figure whose limbs are of one piece each, without joints for knees, ankles, elbows and "
+    "wrists, which a take needs",
     "other": "has no two legs, trunk and two arms that could be recognised",
 }
 
@@ -54,6 +56,9 @@ class RoleMap:
         missing = [role for role in needed if role not in self.roles]
         if not missing:
             return
+        if self.kind == "one piece" and self.how != "map":
+            of_parts = f" ({'; '.join(self.notes)})" if self.notes else ""
+            raise MuybridgeError(f"{what}: the skeleton {_KINDS[self.kind]}{of_parts}")
         if self.kind != "human" and self.how != "map":
             raise MuybridgeError(f"{what}: the skeleton {_KINDS[self.kind]}", remedy="role_map")
         raise MuybridgeError(f"{what}: no joint was found for {', '.join(missing)}", remedy="role_map")

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from muybridge.errors import FormatError, MuybridgeError
 from muybridge.geometry.roles import CORE_ROLES, find_roles, load_role_map, suggest_role_map
 from muybridge.geometry.skeleton.profiles import PROFILES
+from muybridge.motion.character import read_character
 from muybridge.motion.formats.registry import read_file
-from tests.geometry.roles.bodies import HABITS, four_legged, human, lower_arms
+from tests.geometry.roles.bodies import HABITS, Builder, four_legged, human, lower_arms
 
 
 def _core(found):
@@ -180,3 +181,30 @@ def test_clavicles_and_toes_are_found_by_geometry():
     for side in ("left", "right"):
         assert found.roles[f"{side}_clavicle"] == skeleton.parents[roles[f"{side}_upper_arm"]]
         assert skeleton.parents[found.roles[f"{side}_toe"]] == roles[f"{side}_foot"]
+
+
+def blocks(turn=None, seed=None):
+    """A toy: a trunk, with a leg and an arm of one piece on either side."""
+    b = Builder()
+    root = b.add("root", "", (0, 0, 0))
+    trunk = b.add("trunk", root, (0, 0, 0.2))
+    for s, side in ((1, "left"), (-1, "right")):
+        b.add(f"{side}_leg", root, (0.12 * s, 0.02, 0.2))
+        b.add(f"{side}_arm", trunk, (0.3 * s, 0.02, 0.38 - 0.05 * (s < 0)))
+    b.add("antenna", trunk, (0, 0, 0.8))
+    return b.build(turn, 1.0, None if seed is None else np.random.default_rng(seed))[0]
+
+
+def test_a_figure_with_limbs_of_one_piece_is_refused_with_the_reason():
+    for skeleton in (blocks(), blocks(Rotation.random(random_state=2), 2)):
+        found = find_roles(skeleton)
+        assert found.kind == "one piece" and not found.roles
+    with pytest.raises(MuybridgeError, match="without joints for knees, ankles, elbows and wrists"):
+        found.require("toy.glb")
+    assert find_roles(four_legged(np.random.default_rng(0)).build()[0]).kind == "quadruped"
+
+
+def test_a_real_figure_of_blocks_is_refused_with_the_reason(real_data):
+    kenney = find_roles(read_character(real_data / "characters" / "kenney_character.glb").skeleton)
+    with pytest.raises(MuybridgeError, match="legs: leg-left, leg-right; arms: arm-left, arm-right"):
+        kenney.require("kenney_character.glb")
