@@ -17,6 +17,7 @@ from muybridge.motion.contacts.probability import SHIFT_S, standing_probability
 from muybridge.motion.formats.points.c3d import C3DTake
 
 _PIECE_S = 0.2  # a shorter piece of a contact that was cut is no contact
+_STEP_M = 0.008  # of the heights at which heels and balls rest, in judging contacts; less than these vary
 _HIGHEST_M = 0.08  # that heels and balls are over a floor that is known
 
 
@@ -128,7 +129,10 @@ def find_contacts(
         clearance = clearance + (floor.height - options.floor.height) * floor.normal[2]
         clearance = np.clip(clearance, 0, _HIGHEST_M * feet.size)
         floor = options.floor
+    # To steps: a frame more or less elsewhere in the take does not move where a contact begins.
+    step = _STEP_M * feet.size
     heights = floor.heights(feet.places) - clearance
+    heights = heights + _remainder(clearance + floor.height * floor.normal[2], step)
     found, noise = _probability(feet, heights, velocity, shift)
     loads = plate_loads(plates) if plates is not None else ()
     weighed = [weigh_feet(found, feet.places, load) for load in loads]
@@ -145,6 +149,11 @@ def find_contacts(
             contact[:, k, p] = without_short_runs(still, round(options.shortest * feet.fps))
     found = np.where(stands, 1.0, found)
     return Contacts(contact | stands, feet.fps, floor, found, clearance, noise, len(loads))
+
+
+def _remainder(heights: FloatArray, step: float) -> FloatArray:
+    """What is left of heights beyond whole steps."""
+    return np.asarray(heights - np.round(heights / step) * step)
 
 
 def _probability(

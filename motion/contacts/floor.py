@@ -10,6 +10,7 @@ from muybridge.motion.contacts.feet import FootPoints
 
 _GRID_M = 0.002
 _SPREAD_M = 0.008  # standard deviation of the kernel of densities of heights
+_SHIFTS = 30  # of a mean-shift search for the top of such a density
 _LEAST_PEAK = 0.3  # of the highest density that a lower one must have to count as the floor
 _NEAR_M = 0.025  # from such a density that heights count
 _SAME_M = 0.035  # heights of both feet over the same floor differ by no more than this
@@ -102,15 +103,18 @@ def _lowest_often(heights: FloatArray, size: float) -> float:
     heights = heights[np.isfinite(heights)]
     if not len(heights):
         return float("nan")
-    low = heights.min()
+    # Cells of the world, not of this take: a frame more or less moves none of them.
+    low = float(np.floor(heights.min() / _GRID_M)) * _GRID_M
     grid = np.zeros(int(min((heights.max() - low) / _GRID_M, 2000)) + 20)
     np.add.at(grid, np.minimum(((heights - low) / _GRID_M).astype(int) + 8, len(grid) - 1), 1.0)
     density = gaussian_filter1d(grid, _SPREAD_M * size / _GRID_M, mode="constant")
     peak = (density >= np.roll(density, 1)) & (density >= np.roll(density, -1)) & (density > 0)
     peak &= density >= _LEAST_PEAK * density.max()
     at = low + (int(np.argmax(peak)) - 8 + 0.5) * _GRID_M
-    near = heights[np.abs(heights - at) < _NEAR_M * size]
-    return float(np.median(near)) if len(near) else float(at)
+    for _ in range(_SHIFTS):  # to the top of the density itself
+        weight = np.exp(-0.5 * ((heights - at) / (_SPREAD_M * size)) ** 2)
+        at = float(weight @ heights / max(weight.sum(), 1e-9)) if weight.any() else at
+    return float(at)
 
 
 def _gradient(places: FloatArray, rest: FloatArray, near: BoolArray) -> FloatArray:

@@ -72,6 +72,15 @@ class Rig:
             j = self.parents[j]
         return out
 
+    def joint_places(self, turns: FloatArray, mover: FloatArray) -> FloatArray:
+        """(T, K, 3) metres of the joints in the world, of orientations (T, K, 3, 3) and the mover's places (T, 3)."""
+        out = np.empty((*turns.shape[:2], 3))
+        out[:, 0] = mover
+        for j, parent in enumerate(self.parents):
+            if parent >= 0:
+                out[:, j] = out[:, parent] + turns[:, parent] @ (self.places[j] - self.places[parent])
+        return out
+
     def leg_length(self) -> float:
         """Metres of thigh and shin, the mean of both legs."""
         return float(np.mean([self.length(f"{s}_thigh", f"{s}_shin", f"{s}_foot") for s in SIDES]))

@@ -33,6 +33,7 @@ from muybridge.motion.retargeting.rig import (
     pose_rig,
 )
 from muybridge.motion.retargeting.soles import Soles, measure_soles
+from muybridge.motion.retargeting.touching import keep_touch
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,16 @@ class RetargetOptions:
     """How a take is put onto a character.
 
     Attributes:
-        plant: whether feet are planted and soles put on the floor; without, limbs have the source's directions alone.
+        plant: whether feet are planted and soles put on the floor.
+        touch: whether hands that touch the body or each other keep to that, and hands and forearms stay out of the
+            body; without both, limbs have the source's directions alone.
         scale: of the path over the ground; None for the ratio of the legs' lengths.
         contacts: how contacts are found in the take.
         planting: how feet are planted.
     """
 
     plant: bool = True
+    touch: bool = True
     scale: float | None = None
     contacts: ContactOptions = field(default_factory=ContactOptions)
     planting: PlantOptions = field(default_factory=lambda: PlantOptions(step=math.inf))  # soles go onto the floor
@@ -63,6 +67,7 @@ class Retargeted:
         scale: of the path over the ground.
         moved_feet_m: metres, the farthest that planting moved an ankle.
         unreached_m: metres, the farthest that an ankle is from where it should be.
+        moved_hands_m: (T, 2) metres by which the left and the right hand were moved.
     """
 
     motion: Motion
@@ -71,6 +76,7 @@ class Retargeted:
     scale: float
     moved_feet_m: float
     unreached_m: float
+    moved_hands_m: FloatArray
 
 
 def retarget(
@@ -119,8 +125,13 @@ def retarget(
         feet, unreached = planted.moved_feet_m, planted.unreached_m
         places = moved.root_positions_world
         turns = _with_legs(target, turns, legs, moved.forward()[..., :3, :3])
+    hands = np.zeros((len(motion), 2))
+    if options.touch:
+        ours = Posed(turns, target.joint_places(turns, places))
+        hands = keep_touch(source, posed, target, ours, character, motion.fps)
+        turns = ours.turns
     return Retargeted(
-        _whole(character, target, turns, places, motion.fps), ground.contacts, soles, scale, feet, unreached
+        _whole(character, target, turns, places, motion.fps), ground.contacts, soles, scale, feet, unreached, hands
     )
 
 

@@ -46,6 +46,7 @@ def retarget(
     take_clip: str | None = None,
     fps: float | None = None,
     plant: bool = True,
+    touch: bool = True,
     overwrite: bool = False,
 ) -> int:
     """Put takes onto your own character or robot: its file comes back with one more clip for each take.
@@ -70,6 +71,7 @@ def retarget(
         take_clip: name or number (from 0) of the animation to take, of takes that hold several.
         fps: frames per second of the clips (default: those of the character's clips, else the take's).
         plant: plant feet, and put soles on the floor.
+        touch: keep hands on what they touch, and out of the body.
         overwrite: replace files that are there.
     """
     if out is not None:
@@ -100,7 +102,7 @@ def retarget(
 
     def put(file: Path) -> Placed:
         clip = take_clip if can_use(file, "clip") else None
-        one = place(file, target, name_of[file], RetargetOptions(plant=plant), fps, clip, take_map)
+        one = place(file, target, name_of[file], RetargetOptions(plant=plant, touch=touch), fps, clip, take_map)
         for notice in one.notices:
             progress.notice(notice)
         print(measures(one, target), flush=True)

@@ -57,13 +57,14 @@ def score(motion: Motion, roles: dict[str, int], character: Character, target_ro
     start = time.process_time()
     done = retarget(motion, roles, character, target_roles)
     seconds = time.process_time() - start
-    plain = retarget(motion, roles, character, target_roles, RetargetOptions(plant=False))
+    plain = retarget(motion, roles, character, target_roles, RetargetOptions(plant=False, touch=False))
     wanted = bone_directions(motion, roles)
     worst = 0.0
     for result, parts in ((done, ("arm",)), (plain, ("arm", "thigh", "shin"))):
         for name, have in bone_directions(result.motion, target_roles).items():
-            if any(part in name for part in parts):
-                worst = max(worst, float(angle_deg(have, wanted[name]).max()))
+            free = result.moved_hands_m[:, SIDES.index(name.split("_")[0])] == 0
+            if any(part in name for part in parts) and free.any():
+                worst = max(worst, float(angle_deg(have, wanted[name])[free].max()))
     drift, heights = feet_on_floor(character, done, target_roles)
     quantiles = tuple(1e3 * np.quantile(heights, (0, 0.05, 0.95, 1))) if len(heights) else (np.nan,) * 4
     return Score(worst, 1e3 * drift, quantiles, len(motion) / seconds, 1e3 * done.moved_feet_m)
@@ -143,7 +144,7 @@ def pose_difference_deg(character: Character, motion: Motion, roles: dict[str, i
     results = []
     for angle in (0.0, 45.0):
         copy = posed_copy(character, other, angle)
-        done = retarget(motion, roles, copy, other, RetargetOptions(plant=False))
+        done = retarget(motion, roles, copy, other, RetargetOptions(plant=False, touch=False))
         turns = done.motion.forward()[..., :3, :3]
         back = np.tile(np.eye(3), (len(copy.skeleton), 1, 1))
         for side, sign in (("left", 1), ("right", -1)):

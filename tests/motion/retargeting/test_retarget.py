@@ -17,7 +17,7 @@ from muybridge.motion.retargeting import RetargetOptions, retarget
 from tests.geometry.roles.bodies import HABITS, human, lower_arms
 
 BONES = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
-PLAIN = RetargetOptions(plant=False)
+PLAIN = RetargetOptions(plant=False, touch=False)
 
 
 def moving(skeleton, seed=0, frames=40, fps=30.0, size=0.5):
