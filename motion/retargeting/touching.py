@@ -35,6 +35,7 @@ _FOREARM_M = 0.035  # its radius
 _HANDS_M = 0.12  # between the middles of two hands: they touch; twice as far, not any more
 _MOST = 0.4  # of the arm: how far a hand is moved
 _SMOOTH_S = 0.05
+_BLEND_S = 0.12  # over which a hand goes to what it will touch
 _ROUNDS = 4
 _LEVERS = (0.5, 0.75, 1.0)  # along the forearm: points that are kept out of the body
 
@@ -114,6 +115,7 @@ def _to_parts(
         weight = _fading(gap / sizes[0], _TOUCHES_M, _AWAY_M) * _resting(local, sizes[0], fps)
         if not weight.any():
             continue
+        weight = smooth_bound(weight, _BLEND_S * fps)
         far = radius_at(parts[1][name], seen) + _THICK_M * sizes[1] + gap * sizes[1] / sizes[0]
         goal = from_part(place_part(parts[1][name], ours), Seen(seen.along, seen.way, seen.far), far)
         total += weight[:, None] * (goal - now)
@@ -129,6 +131,7 @@ def _to_each_other(
     gap = np.subtract(*(_palm(posed, theirs) for theirs, _ in arms))
     now = np.subtract(*(_palm(ours, mine) for _, mine in arms))
     weight = _fading(np.linalg.norm(gap, axis=1) / sizes[0], _HANDS_M, 2 * _HANDS_M) * _resting(gap, sizes[0], fps)
+    weight = smooth_bound(weight, _BLEND_S * fps)
     half = 0.5 * weight[:, None] * (gap * sizes[1] / sizes[0] - now)
     return np.stack([half, -half], axis=1)
 

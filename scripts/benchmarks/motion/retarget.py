@@ -28,8 +28,11 @@ from muybridge.motion.formats.registry import read_file
 from muybridge.motion.retargeting import Retargeted, RetargetOptions, retarget
 from muybridge.motion.retargeting.rig import SIDES
 from scripts.benchmarks.motion.generated_takes import generated_takes
+from scripts.benchmarks.motion.inside import vertices_inside
 
 BONES = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
+_EVERY_S = 0.5  # between frames in which vertices inside of the body are counted
+_CUTS = (1, 3, 7)  # frames that are cut off
 _NEAR_M = 0.006  # over the lowest vertex: vertices of the sole
 
 
@@ -43,6 +46,8 @@ class Score:
         sole_mm: quantiles 0, 0.05, 0.95 and 1 of the height of the lowest vertex of a foot that stands.
         fps: frames per second of one core.
         moved_mm: the farthest that planting moved an ankle.
+        hands_mm: the farthest that a hand was moved.
+        inside: mean number of vertices of hands and forearms inside of the body, of a plain copy and of the result.
     """
 
     direction_deg: float
@@ -50,6 +55,8 @@ class Score:
     sole_mm: tuple[float, ...]
     fps: float
     moved_mm: float
+    hands_mm: float
+    inside: tuple[float, float]
 
 
 def score(motion: Motion, roles: dict[str, int], character: Character, target_roles: dict[str, int]) -> Score:
@@ -67,7 +74,10 @@ def score(motion: Motion, roles: dict[str, int], character: Character, target_ro
                 worst = max(worst, float(angle_deg(have, wanted[name])[free].max()))
     drift, heights = feet_on_floor(character, done, target_roles)
     quantiles = tuple(1e3 * np.quantile(heights, (0, 0.05, 0.95, 1))) if len(heights) else (np.nan,) * 4
-    return Score(worst, 1e3 * drift, quantiles, len(motion) / seconds, 1e3 * done.moved_feet_m)
+    some = np.arange(0, len(motion), max(round(_EVERY_S * motion.fps), 1))
+    inside = [vertices_inside(character, target_roles, r.motion, some) for r in (plain, done)]
+    return Score(worst, 1e3 * drift, quantiles, len(motion) / seconds, 1e3 * done.moved_feet_m,
+                 1e3 * float(done.moved_hands_m.max()), (inside[0], inside[1]))  # fmt: skip
 
 
 def bone_directions(motion: Motion, roles: dict[str, int]) -> dict[str, FloatArray]:
@@ -168,6 +178,17 @@ def first_frame_difference_deg(
     return float(np.degrees(np.linalg.norm(Rotation.from_matrix(gap.reshape(-1, 3, 3)).as_rotvec(), axis=1).max()))
 
 
+def cut_difference_deg(
+    character: Character, motion: Motion, roles: dict[str, int], other: dict[str, int], cut: int
+) -> float:
+    """The largest change of a joint's rotation, from 1 s on, where a take lacks some frames at its start."""
+    whole, rest = (retarget(m, roles, character, other).motion for m in (motion, motion.select(slice(cut, None))))
+    late = round(motion.fps)
+    turns = [matrix_from_quat(q) for q in (whole.quat_wxyz[cut + late :], rest.quat_wxyz[late:])]
+    gap = np.swapaxes(turns[0], -1, -2) @ turns[1]
+    return float(np.degrees(np.linalg.norm(Rotation.from_matrix(gap.reshape(-1, 3, 3)).as_rotvec(), axis=1).max()))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -179,20 +200,29 @@ def main() -> None:
     for path in arguments.recorded:
         motion = read_file(path).motion
         takes.append((path.stem, motion, find_roles(motion.skeleton, positions=motion.joint_positions_world()).roles))
-    print("character | take | directions deg | drift mm | sole mm (least, 5 %, 95 %, most) | moved mm | frames/s")
+    print(
+        "character | take | directions deg | drift mm | sole mm (least, 5 %, 95 %, most) | moved mm | hands mm | "
+        "vertices inside, plain and now | frames/s"
+    )
     for path in arguments.characters:
         character = read_character(path)
         table = {bone: character.skeleton.names[j] for bone, j in character.humanoid.items()}
         found = find_roles(character.skeleton, table).roles
+        cuts, totals = list[float](), np.zeros(2)
         for kind, motion, roles in takes:
             s = score(motion, roles, character, found)
             soles = ", ".join(f"{v:.1f}" for v in s.sole_mm)
             print(f"{path.stem} | {kind} | {s.direction_deg:.2f} | {s.drift_mm:.1f} | {soles} | {s.moved_mm:.0f} | "
-                  f"{s.fps:.0f}", flush=True)  # fmt: skip
+                  f"{s.hands_mm:.0f} | {s.inside[0]:.1f}, {s.inside[1]:.1f} | {s.fps:.0f}", flush=True)  # fmt: skip
+            cuts.extend(cut_difference_deg(character, motion, roles, found, k) for k in _CUTS)
+            totals += s.inside
         kind, motion, roles = takes[0]
         pose = pose_difference_deg(character, motion, roles, found)
         first = first_frame_difference_deg(character, motion, roles, found)
-        print(f"{path.stem} | A-pose against T-pose: {pose:.3f} deg, another first frame: {first:.3f} deg", flush=True)
+        print(f"{path.stem} | A-pose against T-pose: {pose:.3f} deg, another first frame: {first:.3f} deg, "
+              f"cut takes: {np.mean(np.array(cuts) < 0.1):.0%} within 0.1 deg, median {np.median(cuts):.3f}, "
+              f"worst {max(cuts):.2f} deg; vertices inside: {totals[1] / max(totals[0], 1e-9):.2f} of a plain copy's",
+              flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
