@@ -111,9 +111,10 @@ def _lowest_often(heights: FloatArray, size: float) -> float:
     peak = (density >= np.roll(density, 1)) & (density >= np.roll(density, -1)) & (density > 0)
     peak &= density >= _LEAST_PEAK * density.max()
     at = low + (int(np.argmax(peak)) - 8 + 0.5) * _GRID_M
-    for _ in range(_SHIFTS):  # to the top of the density itself
-        weight = np.exp(-0.5 * ((heights - at) / (_SPREAD_M * size)) ** 2)
-        at = float(weight @ heights / max(weight.sum(), 1e-9)) if weight.any() else at
+    # To the top of the density itself, then the mean about it: both change little with a frame more or less.
+    for width in (*[_SPREAD_M] * _SHIFTS, _NEAR_M / 2):
+        weight = np.exp(-0.5 * ((heights - at) / (width * size)) ** 2)
+        at = float(weight @ heights / weight.sum()) if weight.sum() > 1e-9 else at
     return float(at)
 
 

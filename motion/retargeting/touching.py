@@ -66,7 +66,8 @@ def keep_touch(source: Rig, posed: Posed, target: Rig, ours: Posed, character: C
     """
     theirs, mine = find_parts(source), find_parts(target, character)
     arms = [(_arm(source, side), _arm(target, side)) for side in SIDES]
-    moves = np.stack([_to_parts(source, posed, target, ours, pair, (theirs, mine), fps) for pair in arms], axis=1)
+    parts, solid = (theirs, mine), bool(character.meshes)
+    moves = np.stack([_to_parts(source, posed, target, ours, pair, parts, fps, solid) for pair in arms], axis=1)
     moves = moves + _to_each_other(source, posed, target, ours, arms, fps)
     size = target.leg_length() / ADULT_LEG_M
     for k, (_, arm) in enumerate(arms):
@@ -101,9 +102,9 @@ def _palm(posed: Posed, arm: _Arm) -> FloatArray:
 
 def _to_parts(
     source: Rig, posed: Posed, target: Rig, ours: Posed, pair: tuple[_Arm, _Arm],
-    parts: tuple[dict[str, Part], dict[str, Part]], fps: float,
+    parts: tuple[dict[str, Part], dict[str, Part]], fps: float, solid: bool,
 ) -> FloatArray:  # fmt: skip
-    """(T, 3) metres to where a hand is as the parts that it touches see it."""
+    """(T, 3) metres to where a hand is as the parts that it touches see it; not within them where they are solid."""
     sizes = source.leg_length() / ADULT_LEG_M, target.leg_length() / ADULT_LEG_M
     hand, now = _palm(posed, pair[0]), _palm(ours, pair[1])
     total, weights = np.zeros_like(now), np.zeros(len(now))
@@ -116,6 +117,7 @@ def _to_parts(
         if not weight.any():
             continue
         weight = smooth_bound(weight, _BLEND_S * fps)
+        gap = np.maximum(gap, 0.0) if solid else gap
         far = radius_at(parts[1][name], seen) + _THICK_M * sizes[1] + gap * sizes[1] / sizes[0]
         goal = from_part(place_part(parts[1][name], ours), Seen(seen.along, seen.way, seen.far), far)
         total += weight[:, None] * (goal - now)

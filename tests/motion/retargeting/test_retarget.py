@@ -156,7 +156,7 @@ def test_a_take_without_frames_is_refused():
 
 @pytest.mark.parametrize("name", ["kaykit_knight.glb", "mesh2motion_female.glb"])
 def test_feet_of_real_characters_stand_still_on_their_soles(real_data, name):
-    from scripts.benchmarks.motion.retarget import first_frame_difference_deg, score
+    from scripts.benchmarks.motion.retarget import cut_difference_deg, first_frame_difference_deg, score
 
     motion = read_file(real_data / "motion" / "02_01.amc").motion
     roles = find_roles(motion.skeleton).roles
@@ -166,3 +166,5 @@ def test_feet_of_real_characters_stand_still_on_their_soles(real_data, name):
     assert result.direction_deg < 0.5 and result.drift_mm < 3
     assert result.sole_mm[0] > -5 and result.sole_mm[2] < 5
     assert first_frame_difference_deg(hero, motion, roles, names) < 0.1
+    assert cut_difference_deg(hero, motion, roles, names, 3) < 0.1
+    assert result.inside[1] <= 0.5 * result.inside[0]
