@@ -1,8 +1,8 @@
-"""Takes put onto a user's own character: which files are takes, which joints mean what, and what is written."""
+"""Takes put onto a user's own character: which joints mean what, and what is written."""
 
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,23 +13,20 @@ from muybridge.errors import FormatError, MuybridgeError
 from muybridge.files import replacing
 from muybridge.geometry.roles import RoleMap, find_motion_roles, find_roles, load_role_map, suggest_role_map
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer.pipelines.takes import find_takes, person_clip_names, person_of
 from muybridge.infer.results.folder import OutputFolder
-from muybridge.infer.results.people import MOTION_BVH
-from muybridge.infer.results.run import DEFAULT_OUT
-from muybridge.infer.session.discover import is_results
+from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character.character import Character
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.write import check_takes_clips, write_character_clip
 from muybridge.motion.editing.resampling import resample
 from muybridge.motion.formats.clip_choice import first_clip_notice
-from muybridge.motion.formats.registry import FORMATS, ReadOptions, can_use, check_writable, read_file, write_file
+from muybridge.motion.formats.registry import ReadOptions, can_use, check_writable, read_file, write_file
 from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
 from muybridge.motion.take import Take
 
 CLIPS = (".glb", ".gltf", ".vrm", ".fbx")  # files that take one more clip and keep all else
 _ONE_CLIP = (".vrma", ".bvh")  # files whose motion another one takes the place of
-_MOTION = tuple(s for s, f in FORMATS.items() if f.write_motion is not None and f.read is not None)
-_MOST_NAMES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,32 +66,6 @@ class Placed:
     name: str
     result: Retargeted
     notices: tuple[str, ...]
-
-
-def find_takes(paths: Sequence[Path]) -> list[Path]:
-    """The files of motion that paths name: files, folders of files, session and results folders.
-
-    A folder of results of several people has a take per person.
-
-    Raises:
-        MuybridgeError: a path is not there, or a folder holds no motion.
-    """
-    out: list[Path] = []
-    for path in paths:
-        if not path.exists():
-            raise MuybridgeError(f"{path}: no such file or folder; name takes, or folders of them")
-        if path.is_file():
-            out.append(path)
-            continue
-        results = next((f for f in (path, path / DEFAULT_OUT) if f.is_dir() and is_results(f)), None)
-        if results is not None:
-            found = sorted([*results.glob(MOTION_BVH), *results.glob(f"*/{MOTION_BVH}")])
-        else:
-            found = sorted(f for f in path.iterdir() if f.suffix.lower() in _MOTION and f.is_file())
-        if not found:
-            raise MuybridgeError(f"{path}: holds no motion; valid are files of {', '.join(_MOTION)}")
-        out.extend(found)
-    return out
 
 
 def read_target(path: Path, role_map: Path | None = None) -> Target:
@@ -179,28 +150,6 @@ def place(
     return Placed(name, result, tuple(notices))
 
 
-def clip_names(takes: Sequence[Path], wanted: str | None, taken: Iterable[str]) -> list[str]:
-    """A name for each take's clip: of its file, or of its folder where several files have one name.
-
-    Raises:
-        MuybridgeError: the wanted name is taken.
-    """
-    used = set(taken)
-    if wanted is not None and wanted in used:
-        raise MuybridgeError(f"there is a clip {wanted!r} already; its clips are {_some(sorted(used))}",
-                             remedy="other_name")  # fmt: skip
-    stems = [path.stem for path in takes]
-    out = []
-    for path, stem in zip(takes, stems, strict=True):
-        base = wanted or (stem if stems.count(stem) == 1 else f"{path.resolve().parent.name}_{stem}")
-        name, k = base, 2
-        while name in used:
-            name, k = f"{base}_{k}", k + 1
-        used.add(name)
-        out.append(name)
-    return out
-
-
 def output_paths(out: Path | None, to: Path, names: Sequence[str]) -> list[Path]:
     """The files that are written: one for all clips where the format takes several, else one a take."""
     suffix = to.suffix.lower()
@@ -261,12 +210,26 @@ def read_run_target(path: Path) -> Target:
     return target
 
 
-def retarget_results(folder: Path, target: Target, options: RetargetOptions | None = None) -> list[str]:
-    """Put the motion of every person in a results folder onto a character, whose file goes there; notices."""
-    takes = find_takes([folder])
-    names = clip_names(takes, None, target.clips)
-    placed = [place(take, target, name, options or RetargetOptions())
-              for take, name in zip(takes, names, strict=True)]  # fmt: skip
+def retarget_results(
+    folder: Path, target: Target, options: RetargetOptions | None = None, people: Sequence[int] | None = None
+) -> list[str]:
+    """Put the motion of people in a results folder onto a character, whose file goes there; clips are called after the
+    people: `person_1` and so on.
+
+    Args:
+        folder: of results.
+        target: the character.
+        options: of retargeting.
+        people: numbers of those with a motion; None for everyone in the folder.
+
+    Returns:
+        Notices.
+    """
+    if people is None:
+        people = [person_of(take) or 1 for take in find_takes([folder]).files]
+    names = person_clip_names(people, target.clips)
+    placed = [place(folder / of_person(MOTION_BVH, number), target, name, options or RetargetOptions())
+              for number, name in zip(people, names, strict=True)]  # fmt: skip
     paths = output_paths(Path(target.character.path.name), target.character.path, names)
     results, notices = OutputFolder(folder), [notice for one in placed for notice in one.notices]
     groups = [placed] if len(paths) == 1 else [[one] for one in placed]
@@ -304,7 +267,3 @@ def measures(placed: Placed, target: Target) -> str:
     soles = "" if result.soles.measured else "; the file has no mesh of the feet, so soles were assumed"
     return (f"{placed.name}: {len(result.motion)} frames at {result.motion.fps:g} fps, {steps} steps planted, "
             f"path scaled by {result.scale:.3g}{soles}")  # fmt: skip
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")

@@ -71,6 +71,7 @@ class Format:
         read: from a path; None where it is written only.
         write_points: to a path; None where it holds no points or is read only.
         write_motion: to a path, with the units of a BVH; None where it holds no motion or is read only.
+        holds_motion: whether files that are read may hold a motion.
     """
 
     suffix: str
@@ -78,6 +79,7 @@ class Format:
     read: Callable[[Path, ReadOptions], Take] | None = None
     write_points: Callable[[Path, Points3D], object] | None = None
     write_motion: Callable[[Path, Motion, BvhUnits], object] | None = None
+    holds_motion: bool = False
 
 
 def _timed(read: PointsOfFile, options: ReadOptions) -> Take:
@@ -115,16 +117,18 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
     Format(".parquet", _POINTS, lambda p, o: _timed(read_parquet_from(p, o.fps, o.units, o.up), o), write_parquet),
     Format(".npz", (*_POINTS, "limit"),
            lambda p, o: _timed(read_npz_from(p, o.fps, o.units, o.up or "z", o.limit), o), write_npz),
-    Format(".bvh", ("units", "fps"), lambda p, o: read_bvh_take(p, o.units), write_motion=write_bvh),
+    Format(".bvh", ("units", "fps"), lambda p, o: read_bvh_take(p, o.units), write_motion=write_bvh,
+           holds_motion=True),
     Format(".amc", ("asf", "fps"), lambda p, o: Take(motion=read_amc(p, o.asf, o.fps or CMU_FPS)),
-           write_motion=lambda p, m, _: write_amc(p, m)),
-    Format(".glb", _SCENE, _read_gltf, write_motion=lambda p, m, _: write_glb(p, m)),
-    Format(".gltf", _SCENE, _read_gltf),
-    Format(".vrm", _SCENE, _read_gltf),
-    Format(".vrma", _SCENE, _read_gltf),
-    Format(".fbx", _SCENE, _read_fbx, write_motion=lambda p, m, _: write_fbx(p, m)),
-    Format(".mot", (), lambda p, o: read_storage(p), write_motion=lambda p, m, _: write_mot(p, m)),
-    Format(".sto", (), lambda p, o: read_storage(p)),
+           write_motion=lambda p, m, _: write_amc(p, m), holds_motion=True),
+    Format(".glb", _SCENE, _read_gltf, write_motion=lambda p, m, _: write_glb(p, m), holds_motion=True),
+    Format(".gltf", _SCENE, _read_gltf, holds_motion=True),
+    Format(".vrm", _SCENE, _read_gltf, holds_motion=True),
+    Format(".vrma", _SCENE, _read_gltf, holds_motion=True),
+    Format(".fbx", _SCENE, _read_fbx, write_motion=lambda p, m, _: write_fbx(p, m), holds_motion=True),
+    Format(".mot", (), lambda p, o: read_storage(p), write_motion=lambda p, m, _: write_mot(p, m),
+           holds_motion=True),
+    Format(".sto", (), lambda p, o: read_storage(p), holds_motion=True),
     Format(".usda", (), write_motion=lambda p, m, _: write_usda(p, m)),
 )}  # fmt: skip
 
@@ -132,6 +136,11 @@ FORMATS: dict[str, Format] = {f.suffix: f for f in (
 def readable() -> tuple[str, ...]:
     """Suffixes that can be read."""
     return tuple(s for s, f in FORMATS.items() if f.read is not None)
+
+
+def motion_formats() -> tuple[str, ...]:
+    """Suffixes of files that can be read and may hold a motion."""
+    return tuple(s for s, f in FORMATS.items() if f.read is not None and f.holds_motion)
 
 
 def writable() -> tuple[str, ...]:

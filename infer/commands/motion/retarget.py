@@ -7,13 +7,12 @@ import tyro
 
 from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
-from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot, takes_of
+from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.retarget import (
     Placed,
     Target,
     check_output,
-    clip_names,
     describe_roles,
     measures,
     output_paths,
@@ -22,6 +21,7 @@ from muybridge.infer.pipelines.retarget import (
     suggest,
     write_placed,
 )
+from muybridge.infer.pipelines.takes import clip_names, takes_of
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
@@ -92,7 +92,10 @@ def retarget(
     if suggest_map:
         return _suggest(target, out or Path(f"{to.stem}.map.toml"), overwrite)
     target.roles.require(str(to))
-    files = takes_of(takes, take_clip)
+    found = takes_of(takes, take_clip, but=to)
+    files = found.files
+    for notice in found.notices:
+        progress.notice(notice)
     names = clip_names(files, clip_name, target.clips)
     paths = output_paths(out, to, names)
     check_output(paths, to)

@@ -9,7 +9,8 @@ from muybridge.files import replacing
 from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.roles import load_role_map
 from muybridge.infer.commands.remedies import print_error
-from muybridge.infer.pipelines.retarget import find_takes, read_take
+from muybridge.infer.pipelines.retarget import read_take
+from muybridge.infer.pipelines.takes import take_names, takes_of
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
@@ -72,7 +73,10 @@ def run_retarget_robot(request: RobotRequest) -> int:
     print(f"{request.to.name}: {len(robot.joints)} joints, legs and arms found by {parts.how}")
     if request.suggest:
         return _suggest(robot, parts.table(robot), request)
-    files = takes_of(request.takes, request.take_clip)
+    takes = takes_of(request.takes, request.take_clip)
+    files = takes.files
+    for notice in takes.notices:
+        progress.notice(notice)
     outputs = dict(zip(files, robot_outputs(request.out, request.to, files), strict=True))
     written = [path for paths in outputs.values() for path in paths]
     check_replaceable(written, request.overwrite, [request.to, *files], make_folders=False)
@@ -101,25 +105,6 @@ def _suggest(robot: Robot, table: dict[str, str], request: RobotRequest) -> int:
     return 0
 
 
-def takes_of(paths: Sequence[Path], clip: str | None) -> list[Path]:
-    """The takes that paths name, each once.
-
-    Args:
-        paths: files of motion, folders of them, session and results folders.
-        clip: the animation to read.
-
-    Raises:
-        MuybridgeError: there is none, or none of them holds animations that `clip` could name.
-    """
-    files = list(dict.fromkeys(find_takes(paths)))
-    if not files:
-        raise MuybridgeError("no take is named; name files of motion, folders of them, or session folders")
-    if clip is not None and not any(can_use(file, "clip") for file in files):
-        raise MuybridgeError("none of the takes is of a format that holds several animations", remedy="option_unused",
-                             option="take-clip")  # fmt: skip
-    return files
-
-
 def suggest_link_map(robot: Robot, table: dict[str, str]) -> str:
     """The text of a map of a robot's links."""
     lines = [f"# Which link of {robot.path.name} is which part of the body; all its links stand at the end."]
@@ -138,16 +123,14 @@ def robot_outputs(out: Path | None, to: Path, takes: Sequence[Path]) -> list[lis
         check_robot_output(out)
         if len(takes) == 1:
             return [[out]]
-    stems = [take.stem for take in takes]
-    if len(set(stems)) != len(stems):
-        stems = [f"{take.resolve().parent.name}_{take.stem}" for take in takes]
-    if len(set(stems)) != len(stems):
+    names = take_names(takes)
+    if len(set(names)) != len(names):
         raise MuybridgeError(
             "two takes have the same name and the same folder's name; put them onto the robot one by one"
         )
     if out is not None:
-        return [[out.with_name(f"{out.stem}_{stem}{out.suffix}")] for stem in stems]
-    return [[Path(f"{to.stem}_{stem}{suffix}") for suffix in ROBOT_OUTPUTS] for stem in stems]
+        return [[out.with_name(f"{out.stem}_{name}{out.suffix}")] for name in names]
+    return [[Path(f"{to.stem}_{name}{suffix}") for suffix in ROBOT_OUTPUTS] for name in names]
 
 
 def describe(file: Path, take: RobotTake) -> str:

@@ -5,14 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.pipelines.retarget import (
-    Target,
-    clip_names,
-    find_takes,
-    output_paths,
-    read_run_target,
-    retarget_results,
-)
+from muybridge.infer.pipelines.retarget import Target, output_paths, read_run_target, retarget_results
+from muybridge.infer.pipelines.takes import person_clip_names
 from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.viewer import Scene, read_scene
@@ -41,8 +35,7 @@ class CharacterOfRun:
     @property
     def names(self) -> tuple[str, ...]:
         """Every file that may be written into the results folder."""
-        takes = [Path(of_person(MOTION_BVH, n)) for n in range(1, MOST_PEOPLE + 1)]
-        clips = clip_names(takes, None, self.target.character.clips)
+        clips = person_clip_names(range(1, MOST_PEOPLE + 1), self.target.clips)
         own = Path(self.path.name)
         return tuple(dict.fromkeys(
             str(path) for count in range(1, len(clips) + 1) for path in output_paths(own, self.path, clips[:count])
@@ -61,19 +54,19 @@ class CharacterOfRun:
             MuybridgeError: the motion cannot be put onto the character.
         """
         folder = run.output.path
-        for notice in retarget_results(folder, self.target):
+        # Not all that lies there: a run before this one may have written further people.
+        people = [n for n in range(1, MOST_PEOPLE + 1) if of_person(MOTION_BVH, n) in run.written]
+        for notice in retarget_results(folder, self.target, people=people):
             run.progress.notice(notice)
-        takes = find_takes([folder])
-        clips = clip_names(takes, None, self.target.character.clips)
+        clips = person_clip_names(people, self.target.clips)
         paths = output_paths(Path(self.path.name), self.path, clips)
         run.written.extend(str(path) for path in paths)
-        numbers = {of_person(MOTION_BVH, n): n for n in range(1, MOST_PEOPLE + 1)}
         scenes = {}
-        for k, (take, clip) in enumerate(zip(takes, clips, strict=True)):
+        for k, (number, clip) in enumerate(zip(people, clips, strict=True)):
             path = paths[0] if len(paths) == 1 else paths[k]
             scene = read_scene(folder / path, ReadOptions(clip=clip if can_use(path, "clip") else None))
             if len(json.dumps(scene.packed)) <= MOST_BYTES:
-                scenes[numbers[take.name]] = scene
+                scenes[number] = scene
             else:
                 run.progress.notice(f"{path} is too large to be shown in the report; `muybridge view` shows it")
         return scenes

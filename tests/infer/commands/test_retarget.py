@@ -10,14 +10,14 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.retarget import (
-    clip_names,
-    find_takes,
     output_paths,
     read_run_target,
     retarget_results,
 )
+from muybridge.infer.pipelines.takes import clip_names, find_takes
+from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character import read_character
-from muybridge.motion.formats.registry import read_file, write_file
+from muybridge.motion.formats.registry import motion_formats, read_file, write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import four_legged, human
 from tests.motion.formats.test_fbx_text import text_file
@@ -173,16 +173,47 @@ def test_bad_input_is_one_line_and_nothing_written(tmp_path, take, hero, capsys)
     assert set(tmp_path.iterdir()) == there
 
 
+def results_folder(folder: Path, people: int) -> Path:
+    """A results folder with as many motions as `muybridge run --everyone` writes; they are empty."""
+    (folder / "work").mkdir(parents=True)
+    (folder / "work" / "manifest.json").write_text(json.dumps({"files": {}}))
+    for number in range(1, people + 1):
+        (folder / of_person(MOTION_BVH, number)).write_text("")
+    return folder
+
+
 def test_takes_of_a_session_are_those_of_its_results(tmp_path):
-    results = tmp_path / "session" / "muybridge"
-    (results / "work").mkdir(parents=True)
-    (results / "work" / "manifest.json").write_text(json.dumps({"files": {}}))
-    for folder in (results / "person_1", results / "person_2"):
-        folder.mkdir()
-        (folder / "motion.bvh").write_text("")
-    found = find_takes([tmp_path / "session"])
-    assert found == [results / "person_1" / "motion.bvh", results / "person_2" / "motion.bvh"]
-    assert clip_names(found, None, []) == ["person_1_motion", "person_2_motion"]
+    results = results_folder(tmp_path / "dance" / "muybridge", 11)
+    (results / "hero_person_1.bvh").write_text("")
+    found = find_takes([tmp_path / "dance"]).files
+    assert found == (results / "motion.bvh", *(results / f"motion_{n}.bvh" for n in range(2, 12)))
+    assert clip_names(found, None, []) == [f"dance_person_{n}" for n in range(1, 12)]
+    elsewhere = results_folder(tmp_path / "solo", 1)
+    found = find_takes([elsewhere, tmp_path / "dance", elsewhere]).files
+    assert clip_names(found, None, ["solo"])[:2] == ["solo_2", "dance_person_1"] and len(found) == 12
+    assert clip_names([elsewhere / "motion.bvh"], None, []) == ["solo"]
+    assert clip_names([results / "motion_2.bvh"], None, []) == ["dance_person_2"]
+
+
+def test_every_persons_motion_is_put_onto_a_character(tmp_path, take, hero, capsys):
+    results = results_folder(tmp_path / "dance" / "muybridge", 2)
+    for number in (1, 2):
+        (results / of_person(MOTION_BVH, number)).write_bytes(take.read_bytes())
+    out = tmp_path / "out.glb"
+    assert run_command(["retarget", str(tmp_path / "dance"), "--to", str(hero), "--out", str(out)]) == 0
+    assert read_character(out).clips[-2:] == ("dance_person_1", "dance_person_2")
+
+
+def test_a_folder_gives_every_format_of_motion_and_each_take_once(tmp_path, hero, capsys):
+    for name in ("a.bvh", "b.gltf", "c.VRM", "d.vrma", "e.fbx", "f.amc", "g.mot", "h.sto", "a.glb", "a.fbx", "p.trc",
+                 "f.asf", "x.png", "hero.glb"):  # fmt: skip
+        (tmp_path / name).touch()
+    takes = find_takes([tmp_path], but=tmp_path / "hero.glb")
+    assert [f.name for f in takes.files] == ["a.bvh", "b.gltf", "c.VRM", "d.vrma", "e.fbx", "f.amc", "g.mot", "h.sto"]
+    assert len(takes.notices) == 1 and "a.glb, a.fbx passed over, since a.bvh has the same name" in takes.notices[0]
+    assert set(motion_formats()) == {".bvh", ".amc", ".glb", ".gltf", ".vrm", ".vrma", ".fbx", ".mot", ".sto"}
+    with pytest.raises(MuybridgeError, match="holds no motion"):
+        find_takes([results_folder(tmp_path / "empty", 0)])
 
 
 def test_names_of_clips_and_files():
@@ -196,9 +227,7 @@ def test_names_of_clips_and_files():
 
 
 def test_motion_of_a_results_folder_goes_onto_a_character(tmp_path, take, hero):
-    results = tmp_path / "results"
-    (results / "work").mkdir(parents=True)
-    (results / "work" / "manifest.json").write_text(json.dumps({"files": {}}))
+    results = results_folder(tmp_path / "results", 1)
     (results / "motion.bvh").write_bytes(take.read_bytes())
     own = read_character(hero).clips
     for _ in range(2):  # the second run replaces what the first one wrote

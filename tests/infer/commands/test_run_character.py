@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.errors import MuybridgeError, OutputError
 from muybridge.infer.commands.motion.run_character import CharacterOfRun, read_run_character
-from muybridge.infer.results.people import MOTION_BVH
+from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character import read_character
@@ -21,12 +21,14 @@ def hero(tmp_path: Path) -> Path:
     return body_file(tmp_path / "hero.glb", human(np.random.default_rng(1), spine=4, legs=0.8), 1)
 
 
-def started(folder: Path, character: CharacterOfRun, take: Path) -> Run:
-    """A run that has written its motion."""
-    run = Run("videos", folder, (MOTION_BVH, *character.names), [character.path], False, Progress(quiet=True))
-    motion = read_file(take).motion
-    assert motion is not None
-    run.write_motion([MOTION_BVH], motion)
+def started(folder: Path, character: CharacterOfRun, *takes: Path) -> Run:
+    """A run that has written everyone's motion."""
+    names = [of_person(MOTION_BVH, n) for n in range(1, MOST_PEOPLE + 1)]
+    run = Run("videos", folder, (*names, *character.names), [character.path], False, Progress(quiet=True))
+    for name, take in zip(names, takes, strict=False):
+        motion = read_file(take).motion
+        assert motion is not None
+        run.write_motion([name], motion)
     return run
 
 
@@ -40,7 +42,22 @@ def test_the_results_get_the_character_and_the_report_its_clip(tmp_path: Path, h
         assert run.output.owns("hero.glb"), "also after further files were written"
     assert run.written == [MOTION_BVH, "hero.glb", "report.html"]
     assert list(scenes) == [1] and scenes[1].frames == 20 and scenes[1].packed["name"] == "hero.glb"
-    assert read_character(results / "hero.glb").clips == ("motion", "motion_2"), "its own, and one more"
+    assert read_character(results / "hero.glb").clips == ("motion", "person_1"), "its own, and one more"
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".bvh"])
+def test_everyone_of_a_run_goes_onto_the_character(tmp_path: Path, suffix: str) -> None:
+    hero = body_file(tmp_path / f"hero{suffix}", human(np.random.default_rng(1), spine=4, legs=0.8), 1)
+    takes = [body_file(tmp_path / f"{n}.bvh", human(np.random.default_rng(0)), n, frames=10 + n) for n in (1, 2, 3)]
+    character, results = read_run_character(hero), tmp_path / "results"
+    started(results, character, *takes)
+    run = started(results, character, *takes[:2])  # the folder still has the third
+    scenes = character.put_on(run)
+    assert {number: scene.frames for number, scene in scenes.items()} == {1: 11, 2: 12}
+    files = ["hero.glb"] if suffix == ".glb" else ["hero_person_1.bvh", "hero_person_2.bvh"]
+    assert run.written == ["motion.bvh", "motion_2.bvh", *files]
+    if suffix == ".glb":
+        assert read_character(results / "hero.glb").clips == ("motion", "person_1", "person_2")
 
 
 def test_files_of_others_are_not_replaced(tmp_path: Path, hero: Path) -> None:
