@@ -1,6 +1,6 @@
 """Fewer keys: the frames of every joint between which it moves evenly, within a tolerance.
 
-The keys of a joint are found as Ramer (1972), Douglas and Peucker (1973) simplify lines, for all joints at once: the
+The keys of a joint are found as Ramer (1972), Douglas and Peucker (1973) simplify lines: the
 frame that is farthest from the way between two keys becomes a key, until none is farther than the tolerance. An angle
 counts by how far it moves what hangs on the joint. The tolerances of the joints are then made smaller until every joint
 is within the tolerance in the world.
@@ -13,9 +13,10 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.numerics.rotations import conjugate_quat, multiply_quat, rotvec_from_quat, slerp
+from muybridge.geometry.numerics.rotations import slerp
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.editing._keys_kernel import divide
 from muybridge.motion.editing.channels import check_editable
 from muybridge.motion.take import Keys
 
@@ -23,7 +24,6 @@ _SHARES = tuple(0.7**k for k in range(14))  # of the tolerance that one joint ma
 _HALVINGS = 3  # of the step between two shares
 _FINEST = 0.5 * _SHARES[-1]
 _Between = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-_Error = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,8 @@ def reduce_keys(motion: Motion, tolerance: float = 1e-3, angle: float = np.radia
     slides = np.zeros((len(motion), 0, 3)) if motion.translations is None else motion.translations
     places = np.concatenate([motion.root_positions_world[:, None], slides], axis=1)
     lever = np.maximum(_reach(motion.skeleton) / tolerance, 1 / angle)
-    weight_p = _weights(places, _straight, lambda a, b: np.linalg.norm(a - b, axis=-1) / tolerance)
-    weight_q = _weights(motion.quat_wxyz, _even, lambda a, b: _angles(a, b) * lever)
+    weight_p = divide(np.ascontiguousarray(places), np.full(places.shape[1], 1 / tolerance), _FINEST, False)
+    weight_q = divide(np.ascontiguousarray(motion.quat_wxyz), lever, _FINEST, True)
     before = motion.joint_positions_world()
 
     def reduced(share: float) -> Reduced:
@@ -106,10 +106,6 @@ def _even(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
     return slerp(a, b, share)
 
 
-def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(rotvec_from_quat(multiply_quat(conjugate_quat(a), b)), axis=-1))
-
-
 def _neighbours(keys: BoolArray) -> tuple[IndexArray, IndexArray, FloatArray]:
     """(T, K) the key at or before each frame, the key at or after, and the share of the way between them."""
     count = len(keys)
@@ -124,29 +120,3 @@ def _between_keys(values: FloatArray, keys: BoolArray, between: _Between) -> Flo
     before, after = (np.take_along_axis(values, at[..., None], axis=0) for at in (low, high))
     out = between(before, after, share)
     return np.where(keys[..., None], values, out)
-
-
-def _weights(values: FloatArray, between: _Between, error: _Error) -> FloatArray:
-    """(T, K) tolerances under which a frame is a key of a column; infinite at both ends, 0 for those that are none
-    even at the finest tolerance. No frame weighs more than the key that divided the way that it is on."""
-    count, columns = values.shape[:2]
-    weights = np.zeros((count, columns))
-    weights[[0, -1]] = np.inf
-    limit = np.full((count, columns), np.inf)  # of the way that a frame is on
-    while True:
-        keys = weights > 0
-        away = np.where(keys, 0.0, error(_between_keys(values, keys, between), values))
-        # The ways of all columns one behind the other: each begins with a key.
-        starts = np.flatnonzero(keys.T)
-        most = np.maximum.reduceat(away.T.ravel(), starts)
-        number = np.cumsum(keys.T.ravel()) - 1
-        farthest = (away.T.ravel() == most[number]) & (most[number] > _FINEST)
-        _, first = np.unique(np.where(farthest, number, -1), return_index=True)
-        chosen = first[farthest[first]]
-        if not len(chosen):
-            return weights
-        t, k = chosen % count, chosen // count
-        weights[t, k] = np.minimum(away[t, k], limit[t, k])
-        own = np.full(len(starts), np.inf)
-        own[number[chosen]] = weights[t, k]
-        limit = np.minimum(limit, own[number].reshape(columns, count).T)
