@@ -18,12 +18,15 @@ from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.contacts.blending import smooth_bound
-from muybridge.motion.contacts.feet import USUAL_LEG_M, Leg, feet_of_motion, find_legs, leg_length
+from muybridge.motion.contacts.feet import USUAL_LEG_M, Leg, feet_of_motion, find_legs, leg_length, points_of_foot
 from muybridge.motion.contacts.find import Contacts, find_contacts, with_floor
 from muybridge.motion.contacts.foot_plan import FootPlan, plan_foot
+from muybridge.motion.contacts.footskate import contact_spans
 
 _ROUNDS = 6  # of moving the root to where both feet can be reached
 _STRAIGHT = 0.02  # bounds how much more a straight leg counts than a bent one
+_SAME_M = 5e-6  # that rounding in files may move a point that is still
+_HELD_S = 0.06  # of a point that is still for it to have been planted
 _STAY = 0.3  # how much it counts that the root stays, against that a leg stays bent as it is
 
 
@@ -76,7 +79,7 @@ def plant_feet(
 
     Args:
         motion: Z up, of any skeleton with known thighs, shins and feet.
-        contacts: None finds them.
+        contacts: None finds them; of a motion that was planted before they are the same again.
         options: how they are planted.
         roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.
@@ -87,14 +90,15 @@ def plant_feet(
     options = options or PlantOptions()
     roles = find_motion_roles(motion).roles if roles is None else roles
     legs = find_legs(motion.skeleton, roles, motion) if legs is None else legs
-    contacts = find_contacts(motion, roles=roles) if contacts is None else contacts
+    step = options.step * leg_length(motion.skeleton, legs) / USUAL_LEG_M
+    if contacts is None:
+        contacts = _but_blends(find_contacts(motion, roles=roles), motion, legs, step)
     if len(contacts) != len(motion):
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
     if not len(motion):
         return Planted(motion, contacts, 0.0, 0.0, 0.0)
     contacts = with_floor(contacts, feet_of_motion(motion, roles))
     world = motion.forward()
-    step = options.step * leg_length(motion.skeleton, legs) / USUAL_LEG_M
     plans = [
         plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
                   contacts.clearance[k], motion.fps, options.blend, step)
@@ -112,6 +116,27 @@ def plant_feet(
         out, contacts, float(np.linalg.norm(shift, axis=1).max()),
         float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
     )  # fmt: skip
+
+
+def _but_blends(contacts: Contacts, motion: Motion, legs: tuple[Leg, Leg], step: float) -> Contacts:
+    """Contacts without the frames beside those in which a point is perfectly still: such a point was planted before,
+    and where that was blended in, it moves so little that it seems to stand. Its clearance is the one it has, unless it
+    stands on something: more than `step` metres from where it rests."""
+    world, out, clearance = motion.forward(), contacts.contact.copy(), contacts.clearance.copy()
+    for k, leg in enumerate(legs):
+        places = points_of_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg)
+        for p in range(2):
+            same = np.linalg.norm(np.diff(places[:, p], axis=0), axis=1) < _SAME_M
+            still = np.append(same, False) | np.insert(same, 0, False)
+            held = np.zeros(len(motion), np.bool_)
+            for a, b in contact_spans(contacts.contact[:, k, p]):
+                if max((d - c for c, d in contact_spans(still[a:b])), default=0) >= max(_HELD_S * motion.fps, 3):
+                    out[a:b, k, p] = held[a:b] = still[a:b]
+            heights = contacts.floor.heights(places[held, p])
+            heights = heights[np.abs(heights - clearance[k, p]) <= step]
+            if len(heights):
+                clearance[k, p] = np.median(heights)
+    return replace(contacts, contact=out, clearance=clearance)
 
 
 def _root_shift(

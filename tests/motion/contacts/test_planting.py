@@ -85,6 +85,20 @@ def test_what_stands_already_is_left_alone():
     assert np.abs(none.motion.joint_positions_world() - motion.joint_positions_world()).max() < 1e-9
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_feet_that_were_planted_stay_where_they_are(seed):
+    first = plant_feet(standing(noise=0.012 + 0.004 * seed, heel_up_deg=15.0 * seed)[0])
+    assert first.moved_feet_m > 0.005, "there is something to do"
+    motion = first.motion
+    for _ in range(2):
+        rounded = replace(motion, quat_wxyz=motion.quat_wxyz.astype(np.float32).astype(np.float64),
+                          root_positions_world=np.round(motion.root_positions_world, 6))  # fmt: skip
+        again = plant_feet(rounded)
+        assert again.moved_feet_m < 1e-3 and again.moved_root_m < 1e-3
+        assert (again.contacts.contact == first.contacts.contact).mean() > 0.995
+        motion = again.motion
+
+
 def test_a_foot_rolls_over_its_ball():
     motion, stands = standing(noise=0.01, heel_up_deg=25)
     planted = plant(motion, stands)
