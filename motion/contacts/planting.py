@@ -79,7 +79,7 @@ def plant_feet(
 
     Args:
         motion: Z up, of any skeleton with known thighs, shins and feet.
-        contacts: None finds them; of a motion that was planted before they are the same again.
+        contacts: None finds them; in a motion that was planted before, only what stands perfectly still.
         options: how they are planted.
         roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.

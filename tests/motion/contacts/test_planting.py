@@ -95,7 +95,6 @@ def test_feet_that_were_planted_stay_where_they_are(seed):
                           root_positions_world=np.round(motion.root_positions_world, 6))  # fmt: skip
         again = plant_feet(rounded)
         assert again.moved_feet_m < 1e-3 and again.moved_root_m < 1e-3
-        assert (again.contacts.contact == first.contacts.contact).mean() > 0.995
         motion = again.motion
 
 
