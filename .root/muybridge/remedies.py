@@ -11,6 +11,7 @@ REMEDIES: dict[str, str] = {
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
     "centres_of_landmarks": "leave centres empty",
+    "character_extra": "install the extra `character` (pip install 'muybridge[character]')",
     "choose_clip": "pass `clip`, a name or a number of this list",
     "compile_mjcf": "save the compiled model with MuJoCo (mj_saveLastXML), which resolves it",
     "every_frame": "pass every=1",
@@ -22,6 +23,7 @@ REMEDIES: dict[str, str] = {
     "fps_range": "pass a number above zero as fps, not {fps}",
     "fps_unstated": "pass `fps`, frames per second",
     "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
+    "has_skin": "put takes onto it with `muybridge.motion.retargeting.retarget`",
     "image_size": "pass size, videos or lenses",
     "leave_out_camera": "or leave the camera out",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
@@ -29,6 +31,8 @@ REMEDIES: dict[str, str] = {
     "list_body_points": "muybridge.geometry.landmarks.marker_sets.SURFACE.names has all",
     "marker_dictionary": "or set marker_dictionary to the dictionary of the marker",
     "max_offset": "pass a larger max_offset",
+    "mesh_faces": "export it with its faces",
+    "mesh_repair": "clean it up in the program that made it and export it again",
     "missing_weights": "reinstall muybridge, or pass the path of a model file",
     "model_of_card": "name its file as keypoint_model",
     "move_folder": "move it, or choose another folder",
@@ -59,6 +63,8 @@ REMEDIES: dict[str, str] = {
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"
     ),
+    "rig_quadruped": 'pass template="quadruped"',
+    "rig_template": "pass another template, or the joints themselves as `joints`",
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "up_axis": "pass `up`, y or z",

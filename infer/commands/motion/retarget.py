@@ -103,7 +103,7 @@ def retarget(
         one = place(file, target, name_of[file], RetargetOptions(plant=plant), fps, clip, take_map)
         for notice in one.notices:
             progress.notice(notice)
-        print(measures(one, target), flush=True)
+        print(measures(one), flush=True)
         return one
 
     tried = try_each(files, put, print_error)

@@ -1,0 +1,167 @@
+"""Ways through a volume: from its middle to the ends of its limbs, along the middle of each.
+
+After Sato and others, TEASAR: tree-structure extraction algorithm for accurate and robust skeletons, Pacific Graphics
+2000: the farthest cell gets a way to the root that keeps to thick parts, all that is near it counts as reached, and so
+on with the cell that is farthest then.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.motion.character.rigging.volume import Volume
+
+_CENTRED = 1.5  # power of the radius that a step is divided by, so that ways keep to the middle
+_REACHED = 1.6  # radii around a way that count as reached
+_STEPS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """The cells of a volume as nodes, linked to their 26 neighbours.
+
+    Attributes:
+        volume: of the cells.
+        cells: (N, 3).
+        number: (X, Y, Z) node of each cell, -1 outside.
+        lengths: (N, N) metres of links.
+        centred: (N, N) the same, shorter where the volume is thick.
+    """
+
+    volume: Volume
+    cells: IntArray
+    number: IntArray
+    lengths: csr_matrix
+    centred: csr_matrix
+
+    def node_near(self, point: FloatArray) -> int:
+        """The node nearest to a point in metres."""
+        return int(np.argmin(((self.volume.centres(self.cells) - point) ** 2).sum(axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A way from an end of a body to its root.
+
+    Attributes:
+        points: (N, 3) metres, from the end on, about a cell apart, smoothed.
+        free: metres from the end to where the way meets one that was found before.
+        reach: metres from the root through the volume.
+    """
+
+    points: FloatArray
+    free: float
+    reach: float
+
+    @property
+    def along(self) -> FloatArray:
+        """(N,) metres from the end."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+
+    def at(self, distance: float) -> FloatArray:
+        """(3,) the point that many metres from the end."""
+        along = self.along
+        return np.array([np.interp(distance, along, self.points[:, k]) for k in range(3)])
+
+
+def build_graph(volume: Volume) -> Graph:
+    """The links between the cells of a volume."""
+    cells = np.argwhere(volume.inside)
+    number = np.full(volume.inside.shape, -1, np.int64)
+    number[tuple(cells.T)] = np.arange(len(cells))
+    padded = np.pad(number, 1, constant_values=-1)
+    radius = volume.radius[tuple(cells.T)]
+    rows, columns, lengths = [], [], []
+    for step in _STEPS:
+        other = padded[tuple((cells + 1 + step).T)]
+        linked = np.flatnonzero(other >= 0)
+        rows.append(linked)
+        columns.append(other[linked])
+        lengths.append(np.full(len(linked), np.linalg.norm(step) * volume.cell))
+    row, column, length = np.concatenate(rows), np.concatenate(columns), np.concatenate(lengths)
+    middle = (radius[row] + radius[column]) / (2 * volume.cell)
+    shape = (len(cells), len(cells))
+    return Graph(volume, cells, number, coo_matrix((length, (row, column)), shape=shape).tocsr(),
+                 coo_matrix((length / middle**_CENTRED, (row, column)), shape=shape).tocsr())  # fmt: skip
+
+
+def find_branches(graph: Graph, root: int, least: float, most: int = 12) -> list[Branch]:
+    """The ways from the ends of a volume to a root, the farthest first.
+
+    Args:
+        graph: of the volume.
+        root: node.
+        least: metres of its own that a branch needs.
+        most: branches.
+    """
+    reach = dijkstra(graph.lengths, directed=False, indices=root)
+    before = dijkstra(graph.centred, directed=False, indices=root, return_predecessors=True)[1]
+    places = graph.volume.centres(graph.cells)
+    radius = graph.volume.radius[tuple(graph.cells.T)]
+    left: BoolArray = np.isfinite(reach)
+    used = np.zeros(len(places), np.bool_)
+    out: list[Branch] = []
+    while left.any() and len(out) < most:
+        end = int(np.argmax(np.where(left, reach, -1.0)))
+        way = [end]
+        while way[-1] != root and len(way) < len(places):
+            way.append(int(before[way[-1]]))
+        own = way[: next((k for k, n in enumerate(way) if used[n]), len(way))]
+        free = float(np.linalg.norm(np.diff(places[own], axis=0), axis=1).sum())
+        _reach_cells(graph, own, radius, left, used)
+        left[end] = False
+        if free >= least:
+            out.append(Branch(_smoothed(places[way]), free, float(reach[end])))
+    return out
+
+
+def _reach_cells(graph: Graph, way: list[int], radius: FloatArray, left: BoolArray, used: BoolArray) -> None:
+    """Mark what lies within a few radii of a way as reached, and its inner part as used by later ways."""
+    cell = graph.volume.cell
+    near = np.full(graph.volume.inside.shape, False)
+    inner = near.copy()
+    for n in way:
+        for marked, size in ((near, _REACHED * radius[n] + 2 * cell), (inner, 0.7 * radius[n])):
+            c, k = graph.cells[n], int(size / cell)
+            low, high = np.maximum(c - k, 0), np.minimum(c + k + 1, near.shape)
+            box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+            grid = np.ogrid[box]
+            marked[box] |= sum((g - m) ** 2 for g, m in zip(grid, c, strict=True)) <= (size / cell) ** 2
+    left &= ~near[tuple(graph.cells.T)]
+    used |= inner[tuple(graph.cells.T)]
+
+
+def _smoothed(points: FloatArray, sigma: float = 2.0) -> FloatArray:
+    out = ndimage.gaussian_filter1d(points, sigma, axis=0, mode="nearest")
+    out[0] = points[0]
+    return np.asarray(out)
+
+
+def section(volume: Volume, at: FloatArray, direction: FloatArray, reach: float) -> tuple[float, FloatArray]:
+    """Area in square metres and centre of the part of a cross-section that holds a point.
+
+    Args:
+        volume: cut.
+        at: (3,) metres.
+        direction: (3,) unit normal of the cut.
+        reach: metres from the point at most.
+    """
+    k = int(np.ceil(reach / volume.cell))
+    middle = volume.cell_of(at)
+    low, high = np.maximum(middle - k, 0), np.minimum(middle + k + 1, volume.inside.shape)
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    cells = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij"), axis=-1)
+    away = volume.centres(cells) - at
+    height = away @ direction
+    slab = volume.inside[box] & (np.abs(height) <= 0.75 * volume.cell) & ((away**2).sum(axis=-1) <= reach**2)
+    label = ndimage.label(slab, np.ones((3, 3, 3)))[0]
+    distance = np.where(slab, (away**2).sum(axis=-1), np.inf)
+    nearest = np.unravel_index(int(np.argmin(distance)), slab.shape)
+    if not np.isfinite(distance[nearest]):
+        return 0.0, at
+    part = label == label[nearest]
+    return float(part.sum()) * volume.cell**2 / 1.5, np.asarray(volume.centres(cells[part]).mean(axis=0))
