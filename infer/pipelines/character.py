@@ -114,6 +114,9 @@ def write_rigged(rigged: Rigged, path: Path, weigh: Weigh | None = None) -> None
         weigh = skin_weights
     rig, mesh = rigged.rig, rigged.mesh
     joints, weights = influences(weigh(mesh.vertices, mesh.triangles, rig.joints, rig.parents))
+    if len(rig.held):
+        carried = rig.held >= 0
+        joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
     humanoid = None
     if path.suffix.lower() == ".vrm":
         humanoid = {PROFILES["vrm"][role]: j for role, j in rig.roles.items() if role in PROFILES["vrm"]}

@@ -1,5 +1,6 @@
 """Where the limbs of a standing body leave its trunk: armpits, crotch, neck, ankles, measured in its volume."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +13,16 @@ from muybridge.motion.character.rigging.volume import Volume
 _LEAST_BRANCH = 0.05  # of the height
 _SAMPLES = 60  # cross-sections along an arm
 _SPLIT = 0.42  # of the height: below it the two legs are kept apart
+_THINNED = 2  # layers of cells that are taken off to part an arm from the body
 _GROWN = 1.6  # by which the section of a body that two legs enter exceeds theirs, if a skirt hides them
 
 
 class NoBody(ValueError):
-    """A volume without the limbs that a template needs; the message says which."""
+    """A volume without the limbs that a template needs; the message says which, and `remedy` what to do."""
+
+    def __init__(self, message: str, remedy: str = "rig_template") -> None:
+        super().__init__(message)
+        self.remedy = remedy
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +75,11 @@ class Landmarks:
         height: of its highest cell.
         arms: left and right.
         legs: left and right.
-        crotch: height at which the legs meet, NaN where clothes hide it.
+        crotch: height at which the legs meet.
+        hidden: whether that is the hem of clothes.
         trunk: (N, 4) height, x and y of the middle and area of the trunk's cross-section, without the arms.
+        shoulders: height at which the trunk narrows above the chest.
+        neck: height of its narrowest slice above the shoulders.
         branches: all ways.
     """
 
@@ -78,7 +87,10 @@ class Landmarks:
     arms: tuple[Arm, Arm]
     legs: tuple[Leg, Leg]
     crotch: float
+    hidden: bool
     trunk: FloatArray
+    shoulders: float
+    neck: float
     branches: tuple[Branch, ...]
 
 
@@ -88,26 +100,68 @@ def find_landmarks(volume: Volume) -> Landmarks:
     Raises:
         NoBody: no two legs or no two arms.
     """
-    graph = build_graph(_split(volume))
-    places = volume.centres(graph.cells)
-    height = float(places[:, 2].max())
-    branches = tuple(find_branches(graph, middle_of(graph, height), _LEAST_BRANCH * height))
-    legs, arms = [], []
+    branches, height = branches_of(volume)
+    if feet_of_animal(branches, height):
+        raise NoBody("it stands on four legs", "rig_quadruped")
+    legs = []
     for sign in (1.0, -1.0):
         low = [b for b in branches if b.points[0, 2] < 0.15 * height and b.points[0, 0] * sign > 0]
         if not low:
             raise NoBody(f"no {'left' if sign > 0 else 'right'} leg was found")
         legs.append(max(low, key=lambda b: b.reach))
-    for sign in (1.0, -1.0):
-        high = [b for b in branches if all(b is not leg for leg in legs) and _is_arm(b, sign, height)]
-        if not high:
-            raise NoBody(f"no {'left' if sign > 0 else 'right'} arm was found")
-        arms.append(max(high, key=lambda b: b.free + 0.5 * abs(float(b.points[0, 0]))))
-    both = (_arm(volume, arms[0], height), _arm(volume, arms[1], height))
+    both = _arms(volume, legs, branches, height)
     trunk = _without_arms(volume, both)
-    crotch = _crotch(volume, trunk, legs, height)
+    crotch, hidden = _crotch(volume, trunk, legs, height)
     feet = [_leg(volume, trunk, leg, height) for leg in legs]
-    return Landmarks(height, both, (feet[0], feet[1]), crotch, _trunk(volume, trunk), branches)
+    table = _trunk(volume, trunk)
+    return Landmarks(height, both, (feet[0], feet[1]), crotch, hidden, table, *_neck(table, both, height), branches)
+
+
+def branches_of(volume: Volume) -> tuple[tuple[Branch, ...], float]:
+    """The ways from the ends of a body in its own frame to its middle, and its height in metres."""
+    graph = build_graph(_split(volume))
+    height = float(volume.centres(graph.cells)[:, 2].max())
+    return tuple(find_branches(graph, middle_of(graph, height), _LEAST_BRANCH * height)), height
+
+
+def _arms(volume: Volume, legs: list[Branch], branches: Sequence[Branch], height: float) -> tuple[Arm, Arm]:
+    """Left and right arm; one that clings to the body is looked for in its core, or mirrored from the other side."""
+    ways: list[Branch | None] = [None, None]
+    for tried in range(_THINNED + 1):
+        if tried:
+            thin = ndimage.binary_erosion(volume.inside, iterations=tried)
+            graph = build_graph(_split(replace(volume, inside=thin)))
+            branches = find_branches(graph, middle_of(graph, height), _LEAST_BRANCH * height)
+        for k, sign in enumerate((1.0, -1.0)):
+            found = [b for b in branches if all(b is not leg for leg in legs) and _is_arm(b, sign, height)]
+            if ways[k] is None and found:
+                ways[k] = max(found, key=lambda b: b.free + 0.5 * abs(float(b.points[0, 0])))
+        if all(way is not None for way in ways):
+            break
+    left, right = (None if way is None else _arm(volume, way, height) for way in ways)
+    if left is None and right is None:
+        raise NoBody("no arms were found")
+    return left or _mirrored(right), right or _mirrored(left)
+
+
+def _mirrored(arm: Arm | None) -> Arm:
+    assert arm is not None
+    flip = np.array([-1.0, 1.0, 1.0])
+    way = replace(arm.way, points=arm.way.points * flip)
+    return replace(arm, way=way, direction=arm.direction * flip)
+
+
+def feet_of_animal(branches: Sequence[Branch], height: float) -> tuple[Branch, ...]:
+    """The legs of an animal, front left, front right, back left and back right; empty where there are no four."""
+    out = []
+    for sign in (1.0, -1.0):
+        low = [b for b in branches if b.points[0, 2] < 0.12 * height and b.points[0, 0] * sign > 0
+               and b.free > 0.15 * height]  # fmt: skip
+        front, back = (pick(low, key=lambda b: float(b.points[0, 1]), default=None) for pick in (min, max))
+        if front is None or back is None or back.points[0, 1] - front.points[0, 1] < 0.3 * height:
+            return ()
+        out.append((front, back))
+    return (out[0][0], out[1][0], out[0][1], out[1][1])
 
 
 def _split(volume: Volume) -> Volume:
@@ -168,8 +222,8 @@ def _arm(volume: Volume, way: Branch, height: float) -> Arm:
     return Arm(way, armpit, direction, table)
 
 
-def _crotch(volume: Volume, inside: BoolArray, ways: list[Branch], height: float) -> float:
-    """Metres: the height at which the legs meet, NaN where clothes hide it."""
+def _crotch(volume: Volume, inside: BoolArray, ways: list[Branch], height: float) -> tuple[float, bool]:
+    """Metres, the height at which the legs meet, and whether that is the hem of clothes."""
     eight, below = np.ones((3, 3)), []
     for k in range(int((0.5 * height - volume.origin[2]) / volume.cell), 0, -1):
         z = float(volume.origin[2] + k * volume.cell)
@@ -178,8 +232,8 @@ def _crotch(volume: Volume, inside: BoolArray, ways: list[Branch], height: float
         below.append(sum(int((label == n).sum()) for n in set(own)))
         if own[0] != own[1]:
             above = below[-3] if len(below) > 2 else below[0]
-            return z if above < _GROWN * below[-1] else np.nan
-    return np.nan
+            return z, above >= _GROWN * below[-1]
+    return 0.0, True
 
 
 def _label_at(volume: Volume, label: IntArray, way: Branch, z: float) -> int:
@@ -228,3 +282,14 @@ def _trunk(volume: Volume, inside: BoolArray) -> FloatArray:
             middle = volume.origin[:2] + cells.mean(axis=0) * volume.cell
             out.append([volume.origin[2] + k * volume.cell, *middle, len(cells) * volume.cell**2])
     return np.array(out)
+
+
+def _neck(trunk: FloatArray, arms: tuple[Arm, Arm], height: float) -> tuple[float, float]:
+    """Heights of the shoulders and of the neck's narrowest slice."""
+    z, area = trunk[:, 0], ndimage.gaussian_filter1d(trunk[:, 3], 1.0)
+    armpit = float(np.mean([arm.way.at(arm.armpit)[2] for arm in arms]))
+    chest = np.median(area[(z > armpit - 0.12 * height) & (z < armpit + 0.02 * height)])
+    narrow = z[(z > armpit) & (area < 0.5 * chest)]
+    shoulders = float(narrow.min()) if len(narrow) else armpit + 0.05 * height
+    above = np.flatnonzero((z >= shoulders - 0.02 * height) & (z <= shoulders + 0.45 * (height - shoulders)))
+    return shoulders, float(z[above[np.argmin(area[above])]]) if len(above) else shoulders

@@ -15,6 +15,7 @@ from muybridge.motion.character.rigging.volume import Volume
 
 _SNAP = np.radians(7.0)  # a direction that is nearer to an axis is that axis
 _POINTS = 4000
+_TRIED = (-9, -6, -3, -1.5, 0, 1.5, 3, 6, 9)  # cells from the middle of all where the plane may lie
 _HABIT_UP, _HABIT_FRONT, _HABIT_SIDE = 0.35, 0.6, 0.04  # what the axes of the format are worth against the shape
 
 
@@ -38,11 +39,12 @@ class Orientation:
         return bool(np.allclose(self.body_from_world[:3, :3], np.eye(3)))
 
 
-def find_orientation(volume: Volume) -> Orientation:
+def find_orientation(volume: Volume, side: FloatArray | None = None) -> Orientation:
     """The axes of a body, human or animal.
 
     Args:
         volume: of the body; a coarse one is enough.
+        side: (3,) unit normal of the plane of symmetry, where it is known.
     """
     cells = np.argwhere(volume.inside)
     rng = np.random.default_rng(0)
@@ -50,7 +52,7 @@ def find_orientation(volume: Volume) -> Orientation:
     near = ndimage.binary_dilation(volume.inside)
     points = volume.centres(chosen)
     middle = (volume.centres(cells.min(axis=0)) + volume.centres(cells.max(axis=0))) / 2
-    side = _plane(volume, near, points, points.mean(axis=0))
+    side = _plane(volume, near, points, points.mean(axis=0)) if side is None else side
     every = volume.centres(cells)
     candidates = _ups(side)
     scores = [_upright(every - middle, side, up) + _HABIT_UP * float(up[2]) for up in candidates]
@@ -93,7 +95,8 @@ def _plane(volume: Volume, near: np.ndarray, points: FloatArray, middle: FloatAr
             side = np.cos(np.radians(degrees)) * first + np.sin(np.radians(degrees)) * second
             other = np.cross(side, np.eye(3)[axis])
             broad = float(np.tanh(np.log(np.ptp(points @ side) / max(np.ptp(points @ other), 1e-9))))
-            score = _mirrored(volume, near, points, side, float(middle @ side)) + 0.02 * (degrees % 90 == 0)
+            score = max(_mirrored(volume, near, points, side, float(middle @ side) + k * volume.cell) for k in _TRIED)
+            score += 0.02 * (degrees % 90 == 0)
             score += _HABIT_SIDE * abs(side[0]) ** 4 + 0.03 * broad
             if score > best + 1e-9:
                 best, out, plane = score, side, (first, second, degrees)
@@ -119,9 +122,9 @@ def _ups(side: FloatArray) -> list[FloatArray]:
 def _upright(points: FloatArray, side: FloatArray, up: FloatArray) -> float:
     """How much a direction looks like upwards: legs apart below, a head above, taller than deep."""
     height, across = points @ up, points @ side
-    low, tall = float(height.min()), float(np.ptp(height))
-    share = (height - low) / max(tall, 1e-9)
-    deep = float(np.ptp(points @ np.cross(side, up)))
+    low, high = np.quantile(height, [0.004, 0.996])
+    share = (height - low) / max(float(high - low), 1e-9)
+    tall, deep = float(height.std()), float((points @ np.cross(side, up)).std())
     thin = 0.025 * float(np.ptp(points, axis=0).max())
     central = np.abs(across - np.median(across)) < thin
     bins = np.clip((share * 20).astype(int), 0, 19)

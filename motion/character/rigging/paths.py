@@ -13,10 +13,12 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.numerics._numba import compiled
 from muybridge.motion.character.rigging.volume import Volume
 
 _CENTRED = 1.5  # power of the radius that a step is divided by, so that ways keep to the middle
 _REACHED = 1.6  # radii around a way that count as reached
+_HALF_SLAB = 0.75  # cells on either side of a cross-section
 _STEPS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)])
 
 
@@ -150,18 +152,55 @@ def section(volume: Volume, at: FloatArray, direction: FloatArray, reach: float)
         direction: (3,) unit normal of the cut.
         reach: metres from the point at most.
     """
-    k = int(np.ceil(reach / volume.cell))
-    middle = volume.cell_of(at)
-    low, high = np.maximum(middle - k, 0), np.minimum(middle + k + 1, volume.inside.shape)
-    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-    cells = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij"), axis=-1)
-    away = volume.centres(cells) - at
-    height = away @ direction
-    slab = volume.inside[box] & (np.abs(height) <= 0.75 * volume.cell) & ((away**2).sum(axis=-1) <= reach**2)
-    label = ndimage.label(slab, np.ones((3, 3, 3)))[0]
-    distance = np.where(slab, (away**2).sum(axis=-1), np.inf)
-    nearest = np.unravel_index(int(np.argmin(distance)), slab.shape)
-    if not np.isfinite(distance[nearest]):
+    place = (at - volume.origin) / volume.cell
+    count, total = _section(volume.inside, place, direction, reach / volume.cell)
+    if not count:
         return 0.0, at
-    part = label == label[nearest]
-    return float(part.sum()) * volume.cell**2 / 1.5, np.asarray(volume.centres(cells[part]).mean(axis=0))
+    return count * volume.cell**2 / (2 * _HALF_SLAB), volume.origin + total / count * volume.cell
+
+
+@compiled
+def _section(
+    inside: BoolArray, at: FloatArray, direction: FloatArray, reach: float
+) -> tuple[int, FloatArray]:  # pragma: no cover
+    """Cells of the slab around a plane that hang together with the one nearest to a point: how many, and their sum."""
+    k = int(np.ceil(reach))
+    low = np.zeros(3, np.int64)
+    size = np.zeros(3, np.int64)
+    for a in range(3):
+        low[a] = max(int(np.round(at[a])) - k, 0)
+        size[a] = max(min(int(np.round(at[a])) + k + 1, inside.shape[a]) - low[a], 1)
+    open_ = np.zeros((size[0], size[1], size[2]), np.bool_)
+    best, start = np.inf, np.zeros(3, np.int64)
+    for x in range(size[0]):
+        for y in range(size[1]):
+            for z in range(size[2]):
+                if not inside[x + low[0], y + low[1], z + low[2]]:
+                    continue
+                dx, dy, dz = x + low[0] - at[0], y + low[1] - at[1], z + low[2] - at[2]
+                away = dx * dx + dy * dy + dz * dz
+                if away > reach * reach or abs(dx * direction[0] + dy * direction[1] + dz * direction[2]) > _HALF_SLAB:
+                    continue
+                open_[x, y, z] = True
+                if away < best:
+                    best = away
+                    start[0], start[1], start[2] = x, y, z
+    count, total = 0, np.zeros(3)
+    if best == np.inf:
+        return count, total
+    waiting = np.empty((size[0] * size[1] * size[2], 3), np.int64)
+    waiting[0], last = start, 1
+    open_[start[0], start[1], start[2]] = False
+    while count < last:
+        c = waiting[count]
+        count += 1
+        for a in range(3):
+            total[a] += c[a] + low[a]
+        for x in range(max(c[0] - 1, 0), min(c[0] + 2, size[0])):
+            for y in range(max(c[1] - 1, 0), min(c[1] + 2, size[1])):
+                for z in range(max(c[2] - 1, 0), min(c[2] + 2, size[2])):
+                    if open_[x, y, z]:
+                        open_[x, y, z] = False
+                        waiting[last, 0], waiting[last, 1], waiting[last, 2] = x, y, z
+                        last += 1
+    return count, total

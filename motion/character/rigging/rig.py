@@ -5,21 +5,27 @@ inside of the mesh. Their search over packed spheres is replaced by ways along t
 ends of the limbs directly.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.skeleton import Skeleton
-from muybridge.motion.character.rigging.human import place_human
-from muybridge.motion.character.rigging.landmarks import NoBody, find_landmarks
+from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody, find_landmarks
 from muybridge.motion.character.rigging.orientation import Orientation, find_orientation, refine_offset
+from muybridge.motion.character.rigging.props import find_props, holders, without_islands
+from muybridge.motion.character.rigging.quadruped import place_quadruped
 from muybridge.motion.character.rigging.repair import Repaired, repair
+from muybridge.motion.character.rigging.people import place_people
+from muybridge.motion.character.rigging.stylised import is_person, place_stylised
 from muybridge.motion.character.rigging.templates import TEMPLATES, Template, joint_names
-from muybridge.motion.character.rigging.volume import fill_volume
+from muybridge.motion.character.rigging.volume import Volume, fill_volume
 
 _COARSE, _FINE = 64, 150  # cells along the longest extent, and along the height
+_MOST = 300  # cells along the longest extent
+_LEAST_FACES = 20
+_SYMMETRIC = 0.93  # share of the volume that is mirrored, above which nothing is carried on one side
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,7 @@ class MeshRig:
         names: of the joints.
         places: role -> (3,) metres in the new world.
         new_from_old: (4, 4) the world in which the body stands and faces -Y, from that of the mesh.
+        held: (N,) of the mesh's vertices, the joint that each is rigid to, -1 for those of the body; empty for none.
         inside_out: whether the faces of the mesh must be turned.
         notices: what was found and assumed, one sentence each.
     """
@@ -55,6 +62,7 @@ class MeshRig:
     places: dict[str, FloatArray]
     new_from_old: FloatArray = field(default_factory=lambda: np.eye(4))
     inside_out: bool = False
+    held: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     notices: tuple[str, ...] = ()
 
     @property
@@ -97,24 +105,86 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
     if options.template not in TEMPLATES:
         raise MuybridgeError(f"unknown template {options.template!r}: valid are {', '.join(TEMPLATES)}")
     template = TEMPLATES[options.template]
+    if template.name == "quadruped" and options.rig != "muybridge":
+        raise MuybridgeError(f"the names of {options.rig} are for people; a quadruped has those of muybridge")
     names = joint_names(template, options.rig)
     whole = repair(vertices, triangles)
-    notices = _of_repair(whole)
-    found = find_orientation(fill_volume(whole.vertices, whole.triangles, _COARSE))
-    body = whole.vertices @ found.body_from_world[:3, :3].T + found.body_from_world[:3, 3]
-    extent = np.ptp(body, axis=0)
-    volume = fill_volume(body, whole.triangles, int(_FINE * extent.max() / extent[2]))
-    shift = refine_offset(volume)
-    volume = volume.moved(np.array([-shift, 0.0, 0.0]))
-    try:
-        places = place_human(find_landmarks(volume))
-    except NoBody as error:
-        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}", remedy="rig_template") from None
-    world_from_body = np.linalg.inv(found.body_from_world)
+    if len(whole.triangles) < _LEAST_FACES:
+        raise MuybridgeError(f"only {len(whole.triangles)} of its faces have an area, which show no body",
+                             remedy="mesh_repair")  # fmt: skip
+    found, body, props = _stand(whole)
+    volume, shift = _fine_volume(body, found)
+    places, fitted = _embed(volume, template)
     new_from_old, steps = _new_world(found, options)
-    matrix = new_from_old @ world_from_body
+    matrix = new_from_old @ np.linalg.inv(found.body_from_world)
     back = {role: matrix[:3, :3] @ (places[role] + [shift, 0.0, 0.0]) + matrix[:3, 3] for role in template.roles}
-    return MeshRig(template, names, back, new_from_old, whole.inside_out, (*notices, *steps))
+    rig = MeshRig(template, names, back, new_from_old, whole.inside_out)
+    held = holders(whole, props, rig.joints, _hands(template), whole.vertices @ new_from_old[:3, :3].T + new_from_old[:3, 3])
+    notices = (*_of_repair(whole), *steps, *fitted, *_of_props(props, held, names))
+    return replace(rig, held=held, notices=notices)
+
+
+def standing_volume(vertices: FloatArray, triangles: IntArray) -> tuple[Landmarks, FloatArray]:
+    """The landmarks of a body, and (4, 4) its own frame from the mesh's.
+
+    Args:
+        vertices: (V, 3) metres.
+        triangles: (F, 3).
+
+    Raises:
+        NoBody: no body with two legs and two arms.
+    """
+    found, body, _ = _stand(repair(vertices, triangles))
+    volume, shift = _fine_volume(body, found)
+    matrix = found.body_from_world.copy()
+    matrix[0, 3] -= shift
+    return find_landmarks(volume), matrix
+
+
+def _fine_volume(body: Repaired, found: Orientation) -> tuple[Volume, float]:
+    """The volume in the body's own frame, and metres by which its plane of symmetry was still off."""
+    placed = body.vertices @ found.body_from_world[:3, :3].T + found.body_from_world[:3, 3]
+    extent = np.ptp(placed[np.unique(body.triangles)], axis=0)
+    volume = fill_volume(placed, body.triangles, min(int(_FINE * max(extent.max() / extent[2], 1.0)), _MOST))
+    shift = refine_offset(volume)
+    return volume.moved(np.array([-shift, 0.0, 0.0])), shift
+
+
+def _stand(whole: Repaired) -> tuple[Orientation, Repaired, BoolArray]:
+    """How a body stands, its surface without what it holds, and which islands that is."""
+    coarse = fill_volume(whole.vertices, whole.triangles, _COARSE)
+    if coarse.bodies > 1:
+        raise MuybridgeError(f"shows {coarse.bodies} bodies apart from each other; save each in a file of its own",
+                             remedy="mesh_repair")  # fmt: skip
+    best, none = find_orientation(coarse), np.zeros(int(whole.island.max()) + 1, np.bool_)
+    if best.symmetry > _SYMMETRIC or len(none) == 1:
+        return best, whole, none
+    out = best, whole, none
+    for first in (best, find_orientation(coarse, np.array([1.0, 0.0, 0.0]))):
+        props = find_props(whole, coarse, first.body_from_world)
+        if props.any():
+            rest = without_islands(whole, props)
+            again = find_orientation(fill_volume(rest.vertices, rest.triangles, _COARSE))
+            if again.symmetry > out[0].symmetry + 0.02:
+                out = again, rest, props
+    return out
+
+
+def _embed(volume: Volume, template: Template) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """Role -> (3,) metres in the body's frame, and what was assumed."""
+    try:
+        if template.name == "quadruped":
+            return place_quadruped(volume), ()
+        marks = find_landmarks(volume)
+        if is_person(marks):
+            return place_people(marks), ()
+        return place_stylised(marks), ("its proportions are no person's, so joints follow its shape alone",)
+    except NoBody as error:
+        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}", remedy=error.remedy) from None
+
+
+def _hands(template: Template) -> tuple[int, ...]:
+    return tuple(j for j, role in enumerate(template.roles) if role.endswith("_hand"))
 
 
 def _new_world(found: Orientation, options: RigOptions) -> tuple[FloatArray, tuple[str, ...]]:
@@ -122,6 +192,13 @@ def _new_world(found: Orientation, options: RigOptions) -> tuple[FloatArray, tup
     if found.is_usual or not options.turn:
         return np.eye(4), ()
     return found.body_from_world, found.notes
+
+
+def _of_props(props: BoolArray, held: IntArray, names: tuple[str, ...]) -> list[str]:
+    if not props.any():
+        return []
+    on = ", ".join(sorted({names[j] for j in held[held >= 0]}))
+    return [f"{int(props.sum())} parts have no counterpart on the other side and are carried by {on}"]
 
 
 def _of_repair(whole: Repaired) -> list[str]:

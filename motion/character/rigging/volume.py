@@ -8,18 +8,19 @@ that one ray leaves by is outvoted by the others. Sheets thinner than a cell are
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 from scipy import ndimage
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.numerics._numba import compiled
 
 _PAD = 2  # empty cells around the surface
 _OFFSET = (0.4142, 0.2361, 0.3028)  # of a cell: centres that lie on no edge of a regular mesh
 _FACES = ndimage.generate_binary_structure(3, 1)
 _ALL = ndimage.generate_binary_structure(3, 3)
 _SMALLEST = 8  # cells of a part; smaller ones are dropped
-_FARTHEST_GAP = 6  # cells between parts that belong to one body
+_FARTHEST_GAP = 0.04  # of the longest extent, between parts that belong to one body
+_OF_ITS_OWN = 0.35  # of the largest part: a part as large as that, at a distance, is a body of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +32,14 @@ class Volume:
         radius: (X, Y, Z) metres from a cell to the outside; zero there.
         origin: (3,) metres, the centre of cell (0, 0, 0).
         cell: metres.
+        bodies: how many bodies the surface shows; the volume is that of the largest.
     """
 
     inside: BoolArray
     radius: FloatArray
     origin: FloatArray
     cell: float
+    bodies: int = 1
 
     def centres(self, cells: IntArray) -> FloatArray:
         """(..., 3) metres of cells (..., 3)."""
@@ -60,7 +63,8 @@ def fill_volume(vertices: FloatArray, triangles: IntArray, cells: int) -> Volume
         triangles: (F, 3), outwards island by island.
         cells: along the longest extent.
     """
-    low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    used = vertices[np.unique(triangles)]
+    low, extent = used.min(axis=0), np.ptp(used, axis=0)
     cell = float(extent.max()) / cells
     shape = np.ceil(extent / cell).astype(np.int64) + 2 * _PAD + 1
     origin = low - _PAD * cell + np.array(_OFFSET) * cell
@@ -78,40 +82,42 @@ def fill_volume(vertices: FloatArray, triangles: IntArray, cells: int) -> Volume
     outside = ndimage.label(~surface, _FACES)[0]
     inside = (winding > 0.5) | (~surface & (outside != outside[0, 0, 0]))
     inside |= surface & ~ndimage.binary_dilation(inside, _ALL)
-    inside = _joined(inside)
+    inside, bodies = _joined(inside, _FARTHEST_GAP * cells)
     radius = ndimage.distance_transform_edt(inside).astype(np.float64) * cell
-    return Volume(inside, radius, origin, cell)
+    return Volume(inside, radius, origin, cell, bodies)
 
 
-def _joined(inside: BoolArray) -> BoolArray:
-    """The largest part with what lies near it, bridged; specks and far parts are left out."""
+def _joined(inside: BoolArray, farthest: float) -> tuple[BoolArray, int]:
+    """The largest part with what lies near it, bridged, and the number of bodies; specks and far parts are left out."""
     label, count = ndimage.label(inside, _ALL)
     if count <= 1:
-        return inside
+        return inside, count
     sizes = np.bincount(label.ravel())
     sizes[0] = 0
-    keep = [int(k) for k in np.argsort(-sizes) if sizes[k] >= _SMALLEST]
+    keep = [int(k) for k in np.argsort(-sizes) if sizes[k] >= _SMALLEST] or [int(np.argmax(sizes))]
     out = label == keep[0]
-    waiting = keep[1:]
+    waiting, bodies = keep[1:], 1
     while waiting:
         away, nearest = ndimage.distance_transform_edt(~out, return_indices=True)
-        gaps = ndimage.minimum(away, label, waiting)
-        best = int(np.argmin(gaps))
-        if gaps[best] > _FARTHEST_GAP:
+        gaps = dict(zip(waiting, ndimage.minimum(away, label, waiting), strict=True))
+        alone = {k for k in waiting if sizes[k] > _OF_ITS_OWN * sizes[keep[0]] and gaps[k] > 2.5}
+        linked = [k for k in waiting if k not in alone and gaps[k] <= farthest]
+        if not linked:
+            bodies += len(alone)
             break
-        near = [k for k, gap in zip(waiting, gaps, strict=True) if gap <= max(2.0, gaps[best])]
-        for k in near:
+        least = max(2.0, min(gaps[k] for k in linked))
+        for k in (k for k in linked if gaps[k] <= least):
             start = np.array(ndimage.minimum_position(away, label, k))
             stop = nearest[(slice(None), *start)]
             steps = int(np.abs(stop - start).max()) + 1
             line = np.round(np.linspace(start, stop, steps + 1)).astype(int)
             out[tuple(line.T)] = True
             out |= label == k
-        waiting = [k for k in waiting if k not in near]
-    return out
+            waiting.remove(k)
+    return out, bodies
 
 
-@numba.njit(cache=True)
+@compiled
 def _rasterise(at: FloatArray, triangles: IntArray, out: BoolArray) -> None:  # pragma: no cover
     """Mark the cells that triangles pass, by samples less than half a cell apart."""
     for f in range(len(triangles)):
@@ -125,7 +131,7 @@ def _rasterise(at: FloatArray, triangles: IntArray, out: BoolArray) -> None:  # 
                 out[x, y, z] = True
 
 
-@numba.njit(cache=True)
+@compiled
 def _cross(at: FloatArray, triangles: IntArray, counts: IntArray) -> None:  # pragma: no cover
     """Add to each column's cell behind a face +1 where a ray along the first axis enters, -1 where it leaves."""
     for f in range(len(triangles)):
