@@ -25,7 +25,8 @@ from muybridge.motion.character.rigging.volume import Volume, fill_volume
 _COARSE, _FINE = 64, 150  # cells along the longest extent, and along the height
 _MOST = 300  # cells along the longest extent
 _LEAST_FACES = 20
-_SYMMETRIC = 0.93  # share of the volume that is mirrored, above which nothing is carried on one side
+_SYMMETRIC = 0.93  # share of the volume that is mirrored, below which the plane of symmetry may be a wrong one
+_SLACK = 0.005  # of that share, by which it may fall when props are left out
 
 
 @dataclass(frozen=True)
@@ -157,15 +158,18 @@ def _stand(whole: Repaired) -> tuple[Orientation, Repaired, BoolArray]:
         raise MuybridgeError(f"shows {coarse.bodies} bodies apart from each other; save each in a file of its own",
                              remedy="mesh_repair")  # fmt: skip
     best, none = find_orientation(coarse), np.zeros(int(whole.island.max()) + 1, np.bool_)
-    if best.symmetry > _SYMMETRIC or len(none) == 1:
+    if len(none) == 1:
         return best, whole, none
     out = best, whole, none
-    for first in (best, find_orientation(coarse, np.array([1.0, 0.0, 0.0]))):
+    tried = [best]
+    if best.symmetry < _SYMMETRIC:
+        tried.append(find_orientation(coarse, np.array([1.0, 0.0, 0.0])))
+    for first in tried:
         props = find_props(whole, coarse, first.body_from_world)
         if props.any():
             rest = without_islands(whole, props)
             again = find_orientation(fill_volume(rest.vertices, rest.triangles, _COARSE))
-            if again.symmetry > out[0].symmetry + 0.02:
+            if again.symmetry > out[0].symmetry - _SLACK:
                 out = again, rest, props
     return out
 

@@ -12,9 +12,10 @@ from muybridge.motion.character.rigging.people import SIDES
 
 _SHOULDER = 1.05  # of the way from the tip of the hand to the armpit
 _WRIST, _ELBOW = 0.31, 0.66  # of the way from the tip of the hand to the shoulder
+_STRAIGHT = (0.4, 0.8)  # of the way to the armpit: the part whose line leads to the shoulder, where sleeves do not sag
 _HIP = 0.07  # of the height, from the crotch up
 _ANKLE, _LOW_ANKLE = 0.055, 0.35  # of the height, and at most so much of the crotch's
-_NECK_ROOM, _HEAD = 0.18, 0.06  # of the height, from the armpits up to the neck at most, and from there to the head
+_NECK_ROOM, _HEAD = 0.12, 0.06  # of the height, from the armpits up to the neck at most, and from there to the head
 
 
 def is_person(marks: Landmarks) -> bool:
@@ -29,14 +30,15 @@ def place_stylised(marks: Landmarks) -> dict[str, FloatArray]:
     length = _SHOULDER * float(np.mean([arm.armpit for arm in marks.arms]))
     hip = marks.crotch + _HIP * marks.height
     for side, arm, leg in zip(SIDES, marks.arms, marks.legs, strict=True):
-        out |= {f"{side}_{part}": place for part, place in _arm(arm, length, marks.height).items()}
+        out |= {f"{side}_{part}": place for part, place in _arm(arm, length).items()}
         out |= {f"{side}_{part}": place for part, place in _leg(leg, hip, marks).items()}
     return out | _trunk(marks, out)
 
 
-def _arm(arm: Arm, length: float, height: float) -> dict[str, FloatArray]:
-    base = arm.armpit - 0.02 * height
-    shoulder = arm.way.at(base) + arm.direction * (length - base)
+def _arm(arm: Arm, length: float) -> dict[str, FloatArray]:
+    near, far = arm.way.at(_STRAIGHT[1] * arm.armpit), arm.way.at(_STRAIGHT[0] * arm.armpit)
+    direction = (near - far) / max(float(np.linalg.norm(near - far)), 1e-9)
+    shoulder = near + direction * (length - _STRAIGHT[1] * arm.armpit)
     return {"upper_arm": shoulder, "forearm": arm.way.at(_ELBOW * length), "hand": arm.way.at(_WRIST * length)}
 
 
@@ -53,7 +55,7 @@ def _trunk(marks: Landmarks, limbs: dict[str, FloatArray]) -> dict[str, FloatArr
     z, area = marks.trunk[:, 0], marks.trunk[:, 3]
     armpit = float(np.mean([arm.way.at(arm.armpit)[2] for arm in marks.arms]))
     near = np.flatnonzero((z > armpit - 0.02 * marks.height) & (z < armpit + _NECK_ROOM * marks.height))
-    cost = area[near] * (1 + 2 * (z[near] - armpit) / marks.height)
+    cost = area[near] * (1 + 4 * (z[near] - armpit) / marks.height)
     neck = float(z[near[np.argmin(cost)]]) if len(near) else armpit
     neck = max(neck, float(hips[2]) + 0.1 * marks.height)
     heights = {"spine": 0.22, "chest": 0.45, "upper_chest": 0.7, "neck": 1.0}
