@@ -8,6 +8,7 @@ import numpy as np
 from muybridge.errors import FormatError, parsing
 from muybridge.motion.character.meshes.fbx import read_fbx_mesh
 from muybridge.motion.character.meshes.gltf import read_gltf_mesh
+from muybridge.motion.character.meshes.obj import read_obj_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.tables import read_table_mesh
 
@@ -16,7 +17,7 @@ _READERS: dict[str, tuple[Callable[[Path], StaticMesh], str, str]] = {
     ".gltf": (read_gltf_mesh, "a glTF 2.0 file", "export_gltf"),
     ".vrm": (read_gltf_mesh, "a glTF 2.0 file", "export_gltf"),
     ".fbx": (read_fbx_mesh, "an FBX", "resave_fbx"),
-    ".obj": (read_table_mesh, "a Wavefront OBJ", "export_gltf"),
+    ".obj": (read_obj_mesh, "a Wavefront OBJ", "export_gltf"),
     ".ply": (read_table_mesh, "a PLY", "export_gltf"),
     ".stl": (read_table_mesh, "an STL", "export_gltf"),
 }

@@ -7,7 +7,7 @@ from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.motion.character.rigging.repair import Repaired
 from muybridge.motion.character.rigging.volume import Volume
 
-_LARGE = 0.08  # of the body's extent: smaller islands cannot mislead
+_LARGE = 0.2  # of the body's extent: smaller islands cannot mislead
 _ALIKE = 0.55  # share of an island that has a mirror image in the body, below which it is a prop
 _MOST_OF_VOLUME = 0.4  # of the faces' box volumes that may be props; else the pose is not symmetric
 _POINTS = 300
@@ -56,7 +56,7 @@ def holders(
 ) -> IntArray:
     """(N,) of the vertices as given, the joint that each is rigid to; -1 for those of the body.
 
-    A prop that comes near a hand hangs on it, any other on the joint that is nearest to one of its vertices.
+    A prop that comes near a hand hangs on it; any other moves with the body, as its weights say.
 
     Args:
         whole: with all islands.
@@ -71,6 +71,6 @@ def holders(
         mine = np.unique(whole.triangles[whole.island == k])
         away = np.linalg.norm(vertices[mine][:, None] - joints[None], axis=2).min(axis=0)
         hand = min(hands, key=lambda j: float(away[j]), default=-1)
-        held = hand if hand >= 0 and away[hand] < near else int(np.argmin(away))
-        out[np.isin(whole.source, mine)] = held
+        if hand >= 0 and away[hand] < near:
+            out[np.isin(whole.source, mine)] = hand
     return out

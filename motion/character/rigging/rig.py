@@ -25,6 +25,7 @@ from muybridge.motion.character.rigging.volume import Volume, fill_volume
 _COARSE, _FINE = 64, 150  # cells along the longest extent, and along the height
 _MOST = 300  # cells along the longest extent
 _LEAST_FACES = 20
+_DEEP, _NEAR = 1.4, 8  # cells from the surface that a joint is at least, and how far it may be moved for that
 _SYMMETRIC = 0.93  # share of the volume that is mirrored, below which the plane of symmetry may be a wrong one
 _SLACK = 0.005  # of that share, by which it may fall when props are left out
 
@@ -116,12 +117,13 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
     found, body, props = _stand(whole)
     volume, shift = _fine_volume(body, found)
     places, fitted = _embed(volume, template)
+    places = {role: _inside(volume, place) for role, place in places.items()}
     new_from_old, steps = _new_world(found, options)
     matrix = new_from_old @ np.linalg.inv(found.body_from_world)
     back = {role: matrix[:3, :3] @ (places[role] + [shift, 0.0, 0.0]) + matrix[:3, 3] for role in template.roles}
     rig = MeshRig(template, names, back, new_from_old, whole.inside_out)
     held = holders(whole, props, rig.joints, _hands(template), whole.vertices @ new_from_old[:3, :3].T + new_from_old[:3, 3])
-    notices = (*_of_repair(whole), *steps, *fitted, *_of_props(props, held, names))
+    notices = (*_of_repair(whole), *steps, *fitted, *_of_props(held, names))
     return replace(rig, held=held, notices=notices)
 
 
@@ -187,6 +189,20 @@ def _embed(volume: Volume, template: Template) -> tuple[dict[str, FloatArray], t
         raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}", remedy=error.remedy) from None
 
 
+def _inside(volume: Volume, place: FloatArray) -> FloatArray:
+    """A joint, moved to the nearest cell that is well inside where it is outside or on the surface."""
+    cell = volume.cell_of(place)
+    if volume.radius[tuple(cell)] >= _DEEP * volume.cell:
+        return place
+    low, high = np.maximum(cell - _NEAR, 0), np.minimum(cell + _NEAR + 1, volume.inside.shape)
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    near = np.argwhere(volume.radius[box] >= _DEEP * volume.cell) + low
+    if not len(near):
+        return place
+    centres = volume.centres(near)
+    return np.asarray(centres[np.argmin(((centres - place) ** 2).sum(axis=1))])
+
+
 def _hands(template: Template) -> tuple[int, ...]:
     return tuple(j for j, role in enumerate(template.roles) if role.endswith("_hand"))
 
@@ -198,11 +214,9 @@ def _new_world(found: Orientation, options: RigOptions) -> tuple[FloatArray, tup
     return found.body_from_world, found.notes
 
 
-def _of_props(props: BoolArray, held: IntArray, names: tuple[str, ...]) -> list[str]:
-    if not props.any():
-        return []
+def _of_props(held: IntArray, names: tuple[str, ...]) -> list[str]:
     on = ", ".join(sorted({names[j] for j in held[held >= 0]}))
-    return [f"{int(props.sum())} parts have no counterpart on the other side and are carried by {on}"]
+    return [f"what it holds on one side is rigid to {on}"] if on else []
 
 
 def _of_repair(whole: Repaired) -> list[str]:

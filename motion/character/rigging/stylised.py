@@ -65,5 +65,5 @@ def _trunk(marks: Landmarks, limbs: dict[str, FloatArray]) -> dict[str, FloatArr
     out["hips"] = np.array([0.0, hips[1], hips[2]])
     for side in SIDES:
         upper = limbs[f"{side}_upper_arm"]
-        out[f"{side}_clavicle"] = np.array([0.2 * upper[0], upper[1], 0.6 * upper[2] + 0.4 * levels["upper_chest"]])
+        out[f"{side}_clavicle"] = np.array([0.2 * upper[0], upper[1], 0.85 * upper[2] + 0.15 * levels["upper_chest"]])
     return out

@@ -78,7 +78,7 @@ def fill_volume(vertices: FloatArray, triangles: IntArray, cells: int) -> Volume
         _cross(np.ascontiguousarray(at[:, order]), triangles, counts)
         along = np.cumsum(counts, axis=0, dtype=np.int16).astype(np.float32)
         along -= along[-1:] / 2
-        winding += np.transpose(along, np.argsort(order)) / 3
+        winding += np.transpose(np.clip(along, -1.0, 1.0), np.argsort(order)) / 3  # no axis decides alone
     outside = ndimage.label(~surface, _FACES)[0]
     inside = (winding > 0.5) | (~surface & (outside != outside[0, 0, 0]))
     inside |= surface & ~ndimage.binary_dilation(inside, _ALL)

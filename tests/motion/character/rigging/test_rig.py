@@ -89,7 +89,7 @@ def test_a_prop_in_one_hand_is_rigid_to_it_and_misleads_nothing():
     assert (held == rig.roles["right_hand"]).all()
     assert (rig.held[: len(vertices)] == -1).all()
     assert max(errors(rig, joints).values()) < 0.04
-    assert any("no counterpart" in note for note in rig.notices)
+    assert any("rigid to right_hand" in note for note in rig.notices)
 
 
 def test_an_animal_is_refused_as_a_person_and_rigged_as_an_animal():
