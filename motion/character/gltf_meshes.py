@@ -131,8 +131,8 @@ def _part(
         for k, target in enumerate(part.get("targets", [])) if "POSITION" in target
     ]  # fmt: skip
     return Mesh(
-        name, positions @ turn.T + shift, read_triangles(document, part, len(positions), np.linalg.det(turn) < 0), joints,
-        weights, bind, normals,
+        name, positions @ turn.T + shift,
+        read_triangles(document, part, len(positions), bool(np.linalg.det(turn) < 0)), joints, weights, bind, normals,
         document.accessor(attributes["TEXCOORD_0"]) if "TEXCOORD_0" in attributes else None, tuple(morphs),
         np.array([*morph_weights, *[0.0] * len(morphs)][: len(morphs)], float), part.get("material"), rigid,
     )  # fmt: skip

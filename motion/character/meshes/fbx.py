@@ -8,7 +8,14 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError
 from muybridge.motion.character.character import Material
-from muybridge.motion.character.fbx_meshes import Binding, geometric, mesh_parts, points_of, read_material, standing_models
+from muybridge.motion.character.fbx_meshes import (
+    Binding,
+    geometric,
+    mesh_parts,
+    points_of,
+    read_material,
+    standing_models,
+)
 from muybridge.motion.character.meshes.static_mesh import Look, Picture, StaticMesh, Surface
 from muybridge.motion.formats.fbx.scene import Scene, read_scene
 from muybridge.motion.formats.fbx.text import read_fbx_document

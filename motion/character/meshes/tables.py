@@ -33,5 +33,7 @@ def read_table_mesh(path: Path) -> StaticMesh:
     if part.visual.kind == "vertex":
         attributes["COLOR_0"] = np.asarray(part.visual.vertex_colors, float) / 255
     normals = np.asarray(part.vertex_normals, float) if "vertex_normals" in part._cache else None
-    surface = Surface(path.stem, np.asarray(part.vertices, float), np.asarray(part.faces, np.int64), normals, attributes)
+    surface = Surface(
+        path.stem, np.asarray(part.vertices, float), np.asarray(part.faces, np.int64), normals, attributes
+    )
     return StaticMesh(path, (surface,))

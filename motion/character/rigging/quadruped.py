@@ -70,7 +70,9 @@ def _head(middle: FloatArray, chest: FloatArray, back: float) -> dict[str, Float
     return {"neck": neck * [0, 1, 1], "head": head * [0, 1, 1]}
 
 
-def _tail(branches: tuple[Branch, ...], hips: FloatArray, ways: tuple[Branch, ...], height: float) -> dict[str, FloatArray]:
+def _tail(
+    branches: tuple[Branch, ...], hips: FloatArray, ways: tuple[Branch, ...], height: float
+) -> dict[str, FloatArray]:
     """Three joints along the tail; without one, close together behind the hips."""
     behind = [b for b in branches if all(b is not w for w in ways) and b.points[0, 1] > hips[1] + 0.12 * height
               and abs(float(b.points[0, 0])) < 0.15 * height]  # fmt: skip

@@ -12,12 +12,13 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.character.rigging.fingers import place_fingers
 from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody, find_landmarks
 from muybridge.motion.character.rigging.orientation import Orientation, find_orientation, refine_offset
+from muybridge.motion.character.rigging.people import place_people
 from muybridge.motion.character.rigging.props import find_props, holders, without_islands
 from muybridge.motion.character.rigging.quadruped import place_quadruped
 from muybridge.motion.character.rigging.repair import Repaired, repair
-from muybridge.motion.character.rigging.people import place_people
 from muybridge.motion.character.rigging.stylised import is_person, place_stylised
 from muybridge.motion.character.rigging.templates import TEMPLATES, Template, joint_names
 from muybridge.motion.character.rigging.volume import Volume, fill_volume
@@ -116,13 +117,15 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
                              remedy="mesh_repair")  # fmt: skip
     found, body, props = _stand(whole)
     volume, shift = _fine_volume(body, found)
-    places, fitted = _embed(volume, template)
-    places = {role: _inside(volume, place) for role, place in places.items()}
+    places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift))
+    places = {role: place if role[-1:].isdigit() else _inside(volume, place) for role, place in places.items()}
     new_from_old, steps = _new_world(found, options)
     matrix = new_from_old @ np.linalg.inv(found.body_from_world)
     back = {role: matrix[:3, :3] @ (places[role] + [shift, 0.0, 0.0]) + matrix[:3, 3] for role in template.roles}
     rig = MeshRig(template, names, back, new_from_old, whole.inside_out)
-    held = holders(whole, props, rig.joints, _hands(template), whole.vertices @ new_from_old[:3, :3].T + new_from_old[:3, 3])
+    held = holders(
+        whole, props, rig.joints, _hands(template), whole.vertices @ new_from_old[:3, :3].T + new_from_old[:3, 3]
+    )
     notices = (*_of_repair(whole), *steps, *fitted, *_of_props(held, names))
     return replace(rig, held=held, notices=notices)
 
@@ -176,17 +179,35 @@ def _stand(whole: Repaired) -> tuple[Orientation, Repaired, BoolArray]:
     return out
 
 
-def _embed(volume: Volume, template: Template) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+def _in_body(body: Repaired, found: Orientation, shift: float) -> FloatArray:
+    """(V, 3) metres of a surface in the body's own frame."""
+    matrix = found.body_from_world
+    return body.vertices @ matrix[:3, :3].T + matrix[:3, 3] - [shift, 0.0, 0.0]
+
+
+def _embed(
+    volume: Volume, template: Template, triangles: IntArray, vertices: FloatArray
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Role -> (3,) metres in the body's frame, and what was assumed."""
     try:
         if template.name == "quadruped":
             return place_quadruped(volume), ()
         marks = find_landmarks(volume)
-        if is_person(marks):
-            return place_people(marks), ()
-        return place_stylised(marks), ("its proportions are no person's, so joints follow its shape alone",)
     except NoBody as error:
         raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}", remedy=error.remedy) from None
+    person = is_person(marks)
+    places = place_people(marks) if person else place_stylised(marks)
+    notes = [] if person else ["its proportions are no person's, so joints follow its shape alone"]
+    if "left_index_1" in template.parents:
+        seen = []
+        for side, arm in zip(("left", "right"), marks.arms, strict=True):
+            tip, wrist = arm.way.points[0], places[f"{side}_hand"]
+            found, apart = place_fingers(vertices, triangles, wrist, tip, np.array([0.0, -1.0, 0.0]))
+            places |= {f"{side}_{name}": place for name, place in found.items()}
+            seen.append(apart)
+        if not all(seen):
+            notes.append("five fingers of a hand are not apart, so their joints have usual proportions")
+    return places, tuple(notes)
 
 
 def _inside(volume: Volume, place: FloatArray) -> FloatArray:

@@ -121,8 +121,10 @@ def print_scores(scores: list[RigScore], title: str) -> None:
               f"{s.seconds:.1f} |", flush=True)  # fmt: skip
     found = [s for s in scores if s.errors]
     usable = sum(max(s.errors.values()) <= _USABLE and not s.outside for s in found)
-    print(f"\n{len(found)} of {len(scores)} rigged; mean {np.mean([s.mean for s in found]):.2f} %, worst joint "
-          f"{max(max(s.errors.values()) for s in found):.2f} %; every joint inside and within {_USABLE:g} %: {usable}\n")
+    print(
+        f"\n{len(found)} of {len(scores)} rigged; mean {np.mean([s.mean for s in found]):.2f} %, worst joint "
+        f"{max(max(s.errors.values()) for s in found):.2f} %; every joint inside and within {_USABLE:g} %: {usable}\n"
+    )
     print_header(("joint", "mean %", "largest %"))
     for role in dict.fromkeys(r for s in found for r in s.errors):
         values = [s.errors[role] for s in found if role in s.errors]
@@ -138,7 +140,9 @@ def print_sizes(body: KnownBody) -> None:
         start = time.process_time()
         rig_mesh(vertices, triangles)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        print(f"| {len(vertices):,} | {len(triangles):,} | {time.process_time() - start:.1f} | {peak:.2f} |", flush=True)
+        print(
+            f"| {len(vertices):,} | {len(triangles):,} | {time.process_time() - start:.1f} | {peak:.2f} |", flush=True
+        )
         if len(triangles) > 1_500_000:
             return
         vertices, triangles = _divided(vertices, triangles)

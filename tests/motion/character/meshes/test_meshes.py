@@ -48,7 +48,7 @@ def glb(path, vertices, triangles, node=None, extra=None, edit=None):
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"children": [1], "scale": [2, 2, 2]}, {"name": "body", "mesh": 0} | (node or {})],
         "meshes": [{"name": "body", "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
-        "materials": [{"name": "skin", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "roughnessFactor": 0.3},
+        "materials": [{"name": "skin", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
                        "extensions": {"KHR_materials_specular": {"specularFactor": 0.2}}}],
         "textures": [{"source": 0, "sampler": 0}], "samplers": [{"wrapS": 33071}],
         "images": [{"mimeType": "image/png", "bufferView": len(buffer.views) - 1}],
@@ -68,7 +68,9 @@ def body():
 
 def test_transforms_of_nodes_are_applied_and_materials_kept(tmp_path, body):
     vertices, triangles, _ = body
-    path = glb(tmp_path / "a.glb", vertices, triangles, {"rotation": [0, 2**-0.5, 0, 2**-0.5], "translation": [1, 0, 0]})
+    path = glb(
+        tmp_path / "a.glb", vertices, triangles, {"rotation": [0, 2**-0.5, 0, 2**-0.5], "translation": [1, 0, 0]}
+    )
     mesh = read_mesh(path)
     turned = np.stack([-vertices[:, 1], vertices[:, 0], vertices[:, 2]], axis=1)
     assert np.allclose(mesh.vertices, 2 * (turned + [1, 0, 0]), atol=1e-5)
@@ -120,7 +122,9 @@ def test_an_obj_keeps_texture_coordinates_and_materials(tmp_path, body):
         uv = surface.attributes["TEXCOORD_0"]
         assert np.allclose(uv[:, 0], surface.positions[:, 0]) and np.allclose(1 - uv[:, 1], surface.positions[:, 2])
     cloth = mesh.look.materials[1]
-    assert cloth["alphaMode"] == "BLEND" and cloth["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(0.214, abs=1e-3)
+    assert cloth["alphaMode"] == "BLEND" and cloth["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(
+        0.214, abs=1e-3
+    )
     assert mesh.look.pictures == (Picture("skin.png", png(), "image/png"),)
 
 
@@ -201,7 +205,9 @@ def test_a_skinned_file_is_read_as_it_was_written(tmp_path):
     assert len(posed) == 2 and all(np.allclose(p[0], vertices, atol=1e-5) for p in posed)
     first = back.meshes[0]
     assert np.allclose(first.normals, normals, atol=1e-6) and np.allclose(first.uvs, uv, atol=1e-6)
-    assert [m.name for m in first.morphs] == ["smile"] and np.allclose(first.morphs[0].offsets, morph.offsets, atol=1e-6)
+    assert [m.name for m in first.morphs] == ["smile"] and np.allclose(
+        first.morphs[0].offsets, morph.offsets, atol=1e-6
+    )
     assert back.materials[0].image == png()
     assert np.abs(first.weights.sum(axis=1) - 1).max() < 1e-6
 

@@ -65,12 +65,31 @@ def person(below_deg: float = 40.0):
     return vertices, triangles, {role: np.asarray(p, float) for role, p in joints.items()}
 
 
+def hand():
+    """Vertices, triangles, wrist, tip and finger -> (knuckle, end) of an open hand that points to +X, thumb to -Y."""
+    parts = [capsule([-0.08, 0, 0], [0.0, 0, 0], 0.027, 0.025), capsule([0.01, 0, 0], [0.06, 0, 0], 0.025, 0.03)]
+    fingers = {}
+    for finger, y, spread, length in (("index", -0.03, -0.1, 0.08), ("middle", -0.01, 0.0, 0.09),
+                                      ("ring", 0.012, 0.08, 0.082), ("little", 0.032, 0.2, 0.065)):  # fmt: skip
+        start = np.array([0.085, y, 0.0])
+        stop = start + length * np.array([np.cos(spread), np.sin(spread), 0.0])
+        fingers[finger] = start, stop
+        parts.append(capsule(start - [0.02, 0, 0], stop, 0.009, 0.007))
+    fingers["thumb"] = np.array([0.025, -0.02, 0.0]), np.array([0.075, -0.075, 0.0])
+    parts.append(capsule(*fingers["thumb"], 0.012, 0.009))
+    vertices, triangles = together(parts)
+    return vertices, triangles, np.zeros(3), np.array([0.18, 0, 0]), fingers
+
+
 def animal():
     """Vertices and triangles of an animal on four legs with a head and a tail, facing -Y."""
-    parts = [capsule([0, -0.35, 0.6], [0, 0.35, 0.58], 0.15, 0.14), capsule([0, -0.4, 0.66], [0, -0.6, 0.85], 0.08, 0.07),
-             capsule([0, -0.6, 0.87], [0, -0.85, 0.8], 0.08, 0.04), capsule([0, 0.45, 0.62], [0, 0.95, 0.6], 0.03, 0.02)]  # fmt: skip
+    parts = [
+        capsule([0, -0.35, 0.6], [0, 0.35, 0.58], 0.15, 0.14), capsule([0, -0.4, 0.66], [0, -0.6, 0.85], 0.08, 0.07),
+        capsule([0, -0.6, 0.87], [0, -0.85, 0.8], 0.08, 0.04), capsule([0, 0.45, 0.62], [0, 0.95, 0.6], 0.03, 0.02),
+    ]  # fmt: skip
     for x in (-0.12, 0.12):
         for y, bend in ((-0.35, 0.03), (0.38, 0.08)):
-            parts += [capsule([x, y, 0.52], [x, y - bend, 0.3], 0.07, 0.04), capsule([x, y - bend, 0.3], [x, y, 0.05], 0.04, 0.03),
+            knee = [x, y - bend, 0.3]
+            parts += [capsule([x, y, 0.52], knee, 0.07, 0.04), capsule(knee, [x, y, 0.05], 0.04, 0.03),
                       capsule([x, y, 0.03], [x, y - 0.08, 0.025], 0.03, 0.025)]  # fmt: skip
     return together(parts)

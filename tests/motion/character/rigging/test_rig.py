@@ -6,8 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import MuybridgeError
 from muybridge.motion.character.rigging import RIGS, TEMPLATES, RigOptions, rig_mesh
+from muybridge.motion.character.rigging.fingers import place_fingers
 from muybridge.motion.character.rigging.templates import joint_names
-from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, person, together
+from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, hand, person, together
 
 TURNS = {
     "lying on its back": Rotation.from_euler("x", 90, degrees=True),
@@ -140,3 +141,29 @@ def test_templates_are_trees_with_names_of_their_own(name):
     for rig in RIGS:
         names = joint_names(template, rig)
         assert len(set(names)) == len(names) == len(template.roles)
+
+
+def test_five_fingers_are_told_apart():
+    vertices, triangles, wrist, tip, fingers = hand()
+    found, seen = place_fingers(vertices, triangles, wrist, tip, np.array([0.0, -1.0, 0.0]))
+    assert seen
+    for finger, (knuckle, end) in fingers.items():
+        joints = np.stack([found[f"{finger}_{k}"] for k in (1, 2, 3)])
+        line = end - knuckle
+        share = (joints - knuckle) @ line / (line @ line)
+        off = np.linalg.norm(joints - knuckle - share[:, None] * line, axis=1)
+        assert off.max() < 0.015 and (np.diff(share) > 0.15).all() and share[0] < 0.3 and 0.5 < share[2] < 0.95, finger
+
+
+def test_a_closed_hand_gets_usual_fingers_with_the_thumb_ahead():
+    vertices, triangles = capsule([0, 0, 0], [0.15, 0, 0], 0.03, 0.03)
+    found, seen = place_fingers(vertices, triangles, np.zeros(3), np.array([0.18, 0, 0]), np.array([0.0, -1.0, 0.0]))
+    assert not seen and len(found) == 15
+    assert found["thumb_3"][1] < found["index_3"][1] < found["little_3"][1]
+
+
+def test_a_person_without_fingers_gets_their_joints_and_a_notice():
+    vertices, triangles, _ = person(0.0)
+    rig = rig_mesh(vertices, triangles, RigOptions(template="human-with-fingers", rig="ue5"))
+    assert "index_03_l" in rig.names and any("not apart" in note for note in rig.notices)
+    assert np.linalg.norm(rig.places["left_index_1"] - rig.places["left_hand"]) < 0.15 * HEIGHT
