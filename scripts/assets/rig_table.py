@@ -2,7 +2,7 @@
 
     python -m scripts.assets.rig_table [--bodies 200] [--seed 2002]
 
-Writes motion/character/rigging/people.npz. The benchmark (`scripts.benchmarks.motion.rigging`) has other seeds.
+Writes motion/character/rigging/placement/people.npz. The benchmark has bodies of other seeds.
 """
 
 import argparse
@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.motion.character.rigging import features
 from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody
-from muybridge.motion.character.rigging.people import SIDES, SPINE
+from muybridge.motion.character.rigging.placement import features
+from muybridge.motion.character.rigging.placement.people import SIDES, SPINE
 from muybridge.motion.character.rigging.rig import standing_volume
 from scripts.benchmarks.motion.rig_bodies import KnownBody, known_bodies
 
-OUT = Path(__file__).parents[2] / "motion/character/rigging/people.npz"
+OUT = Path(__file__).parents[2] / "motion/character/rigging/placement/people.npz"
 _RIDGE = 0.02  # of the number of rows, for values of unit spread
 Rows = dict[str, list[tuple[FloatArray, FloatArray]]]
 

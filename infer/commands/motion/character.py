@@ -1,14 +1,21 @@
 """The command `character`: a mesh rigged, skinned and moved."""
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.pipelines.character import check_character_output, move_character, rig_file, write_rigged
-from muybridge.infer.pipelines.retarget import find_takes, measures
+from muybridge.infer.pipelines.characters.retarget import find_takes, measures
+from muybridge.infer.pipelines.characters.rigging import (
+    Rigged,
+    check_character_output,
+    move_character,
+    rig_file,
+    write_rigged,
+)
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
@@ -81,17 +88,26 @@ def character(
         if write_joints is not None:
             write_joints_file(write_joints, mesh, found.rig)
         if takes or rig_only:
-            with tempfile.TemporaryDirectory() as folder:
-                rest = out if rig_only else Path(folder) / out.name
-                with progress.task("skinning", 1) as task:
-                    write_rigged(found, rest)
-                    task.advance()
-                if takes:
-                    options = RetargetOptions(plant=plant)
-                    placed, notices = move_character(rest, found.rig, takes, out, clip_name, fps, options)
-                    for notice in notices:
-                        progress.notice(notice)
-                    for one in placed:
-                        print(measures(one))
+            _write(progress, found, takes, out, clip_name, fps, plant)
     print("\n".join(str(path) for path in writes))
     return 0
+
+
+def _write(
+    progress: Progress, found: Rigged, takes: Sequence[Path], out: Path, clip_name: str | None, fps: float | None,
+    plant: bool,
+) -> None:  # fmt: skip
+    """Skin a rigged mesh, and write it at rest or moved."""
+    with tempfile.TemporaryDirectory() as folder:
+        rest = Path(folder) / out.name if takes else out
+        with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
+            write_rigged(found, rest)
+            task.advance()
+        if not takes:
+            return
+        options = RetargetOptions(plant=plant)
+        placed, notices = move_character(rest, found.rig, takes, out, clip_name, fps, options)
+        for notice in notices:
+            progress.notice(notice)
+        for one in placed:
+            print(measures(one))

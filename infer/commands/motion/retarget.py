@@ -9,7 +9,7 @@ from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
 from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot, takes_of
 from muybridge.infer.commands.remedies import print_error
-from muybridge.infer.pipelines.retarget import (
+from muybridge.infer.pipelines.characters.retarget import (
     Placed,
     Target,
     check_output,

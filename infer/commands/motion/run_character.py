@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.pipelines.retarget import (
+from muybridge.infer.pipelines.characters.retarget import (
     Target,
     clip_names,
     find_takes,

@@ -12,14 +12,14 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.skeleton import Skeleton
-from muybridge.motion.character.rigging.fingers import place_fingers
 from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody, find_landmarks
 from muybridge.motion.character.rigging.orientation import Orientation, find_orientation, refine_offset
-from muybridge.motion.character.rigging.people import place_people
+from muybridge.motion.character.rigging.placement.fingers import place_fingers
+from muybridge.motion.character.rigging.placement.people import place_people
+from muybridge.motion.character.rigging.placement.quadruped import place_quadruped
+from muybridge.motion.character.rigging.placement.stylised import is_person, place_stylised
 from muybridge.motion.character.rigging.props import find_props, holders, without_islands
-from muybridge.motion.character.rigging.quadruped import place_quadruped
 from muybridge.motion.character.rigging.repair import Repaired, repair
-from muybridge.motion.character.rigging.stylised import is_person, place_stylised
 from muybridge.motion.character.rigging.templates import TEMPLATES, Template, joint_names
 from muybridge.motion.character.rigging.volume import Volume, fill_volume
 

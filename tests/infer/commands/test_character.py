@@ -9,7 +9,7 @@ import pytest
 from muybridge.errors import MuybridgeError
 from muybridge.infer.commands.motion.character import character
 from muybridge.infer.commands.remedies import error_line
-from muybridge.infer.pipelines.character import influences
+from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.formats.registry import read_file
 from tests.geometry.roles.bodies import human

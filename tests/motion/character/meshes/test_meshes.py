@@ -23,6 +23,7 @@ from muybridge.motion.character.meshes import (
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
 from tests.motion.character.rigging.figures import capsule, person
+from tests.motion.formats.test_fbx_read import File
 
 trimesh = pytest.importorskip("trimesh")
 GLTF = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # glTF from world
@@ -224,3 +225,38 @@ def test_a_vrm_names_its_bones(tmp_path):
     data = (tmp_path / "x.vrm").read_bytes()
     text = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
     assert text["extensions"]["VRMC_vrm"]["specVersion"] == "1.0" and text["extensionsUsed"] == ["VRMC_vrm"]
+
+
+def fbx(path, vertices, triangles, skinned=False):
+    """An FBX of one mesh in centimetres, Y up, under a node that turns and a model of half the size."""
+    file = File()
+    file.settings.number("UnitScaleFactor", 1.0)
+    top = file.joint("top", 0, (0, 0, 0), "Null", LclRotation=(0, 90, 0))
+    body = file.joint("body", top, (0, 0, 10), "Mesh", LclScaling=(0.5, 0.5, 0.5))
+    corners = triangles.copy()
+    corners[:, 2] = ~corners[:, 2]
+    geometry = file.add("Geometry", "g\x00\x01Geometry", "Mesh", Vertices=(200 * vertices @ GLTF.T).ravel(),
+                        PolygonVertexIndex=corners.astype(np.int32).ravel())  # fmt: skip
+    file.links.add("C", "OO", geometry, body)
+    if skinned:
+        skin = file.add("Deformer", "s\x00\x01Deformer", "Skin")
+        cluster = file.add("Deformer", "c\x00\x01SubDeformer", "Cluster")
+        file.links.add("C", "OO", skin, geometry)
+        file.links.add("C", "OO", cluster, skin)
+    return file.write(path)
+
+
+def test_an_fbx_without_a_skin(tmp_path, body):
+    vertices, triangles, _ = body
+    mesh = read_mesh(fbx(tmp_path / "a.fbx", vertices, triangles))
+    # A quarter turn about the vertical, and 10 cm along the node's own third axis.
+    turned = np.stack([-vertices[:, 1], vertices[:, 0], vertices[:, 2]], axis=1) + [0.1, 0, 0]
+    found = mesh.vertices[mesh.triangles].mean(axis=1)
+    assert np.allclose(np.sort(found, axis=0), np.sort(turned[triangles].mean(axis=1), axis=0), atol=1e-6)
+    rig = rig_mesh(mesh.vertices, mesh.triangles)
+    assert not rig.inside_out and any("turned to the front" in note for note in rig.notices)
+
+
+def test_an_fbx_with_a_skin_is_sent_to_retarget(tmp_path, body):
+    with pytest.raises(FormatError, match="has a skin already"):
+        read_mesh(fbx(tmp_path / "a.fbx", *body[:2], skinned=True))

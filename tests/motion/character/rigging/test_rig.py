@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from muybridge.errors import MuybridgeError
 from muybridge.motion.character.rigging import RIGS, TEMPLATES, RigOptions, rig_mesh
-from muybridge.motion.character.rigging.fingers import place_fingers
+from muybridge.motion.character.rigging.placement.fingers import place_fingers
 from muybridge.motion.character.rigging.templates import joint_names
 from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, hand, person, together
 

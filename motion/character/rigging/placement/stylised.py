@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.motion.character.rigging.landmarks import Arm, Landmarks, Leg
-from muybridge.motion.character.rigging.people import SIDES
+from muybridge.motion.character.rigging.placement.people import SIDES
 
 _SHOULDER = 1.05  # of the way from the tip of the hand to the armpit
 _WRIST, _ELBOW = 0.31, 0.66  # of the way from the tip of the hand to the shoulder

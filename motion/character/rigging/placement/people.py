@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.motion.character.rigging import features
 from muybridge.motion.character.rigging.landmarks import Landmarks
+from muybridge.motion.character.rigging.placement import features
 from muybridge.npz import load_npz
 
 SIDES = ("left", "right")

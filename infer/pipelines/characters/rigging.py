@@ -11,7 +11,7 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
-from muybridge.infer.pipelines.retarget import Placed, Target, clip_names, place, write_placed
+from muybridge.infer.pipelines.characters.retarget import Placed, Target, clip_names, place, write_placed
 from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
