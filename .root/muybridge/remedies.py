@@ -52,6 +52,8 @@ REMEDIES: dict[str, str] = {
     "rename_labels": "rename them, learn what they mean with muybridge.infer.labelling.learn_set.learn_marker_set and "
     "pass the set as markerset, or name unlabelled points with muybridge.infer.pipelines.labelling.run_label",
     "resave_fbx": "open it in Blender 4.5 or newer, Maya or Autodesk's FBX Converter and export it as binary FBX",
+    "rig_quadruped": 'pass template="quadruped"',
+    "rig_template": "pass another template, or the joints themselves as `joints`",
     "role_map": "pass a map of roles; `muybridge.geometry.roles.suggest_role_map` makes one to start from",
     "scale_robot": "scale the file",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
@@ -63,8 +65,6 @@ REMEDIES: dict[str, str] = {
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"
     ),
-    "rig_quadruped": 'pass template="quadruped"',
-    "rig_template": "pass another template, or the joints themselves as `joints`",
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "up_axis": "pass `up`, y or z",

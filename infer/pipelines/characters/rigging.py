@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.errors import MuybridgeError
+from muybridge.errors import FormatError, MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, clip_names, place, write_placed
@@ -16,8 +16,9 @@ from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
 from muybridge.motion.character.read import read_character
-from muybridge.motion.character.rigging.joints_file import apply_joints, read_joints
-from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh
+from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
+from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
+from muybridge.motion.character.rigging.templates import TEMPLATES
 from muybridge.motion.retargeting.solver import RetargetOptions
 
 OUTPUTS = (".glb", ".vrm")
@@ -56,21 +57,30 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
         MuybridgeError: the mesh shows no body of the template.
     """
     mesh = read_mesh(path)
-    given: dict[str, FloatArray] = {}
+    known = KnownJoints(None, {})
     if joints is not None:
-        template, given = read_joints(joints)
-        options = replace(options, template=template or options.template)
+        known = read_joints(joints)
+        options = replace(options, template=_template(known, joints) or options.template)
     mesh, notices = _in_metres(mesh)
-    rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+    if known.new_from_old is not None and set(TEMPLATES[options.template].roles) <= set(known.places):
+        rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
+    else:
+        rig = rig_mesh(mesh.vertices, mesh.triangles, options)
     matrix = rig.new_from_old
-    if height is not None:
+    if height is not None and not known.places:
         size = np.diag([height / float(np.ptp(mesh.moved(matrix).vertices[:, 2]))] * 3 + [1.0])
         matrix = size @ matrix
         rig = replace(rig, places={r: size[:3, :3] @ p for r, p in rig.places.items()}, new_from_old=matrix)
     mesh = mesh.moved(matrix, rig.inside_out)
-    if given and joints is not None:
-        rig = apply_joints(rig, given, mesh.vertices, joints)
+    if joints is not None:
+        rig = apply_joints(rig, known.places, mesh.vertices, joints)
     return Rigged(mesh, rig, (*mesh.notices, *notices, *(f"{path.name}: {note}" for note in rig.notices)))
+
+
+def _template(known: KnownJoints, path: Path) -> str | None:
+    if known.template is not None and known.template not in TEMPLATES:
+        raise FormatError(f"{path}: unknown template {known.template!r}; valid are {', '.join(TEMPLATES)}")
+    return known.template
 
 
 def _in_metres(mesh: StaticMesh) -> tuple[StaticMesh, tuple[str, ...]]:

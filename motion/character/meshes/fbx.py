@@ -1,6 +1,5 @@
 """The mesh of an FBX file without a skin."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +21,15 @@ from muybridge.motion.formats.fbx.text import read_fbx_document
 
 
 def read_fbx_mesh(path: Path) -> StaticMesh:
-    """The surfaces of all models of a file; called within `parsing`.
-
-    Raises:
-        FormatError: it has a skin.
-    """
+    """The surfaces of all models of a file, none of one with a skin; called within `parsing`."""
 
     def error(problem: str, remedy: str = "export_fbx") -> FormatError:
         return FormatError(f"{path}: {problem}", remedy=remedy)
 
     scene = read_scene(read_fbx_document(path), error, None)
     if any(_is_skin(scene, n) for n in scene.objects):
-        raise FormatError(f"{path}: its mesh has a skin already, so it needs no new rig", remedy="has_skin", mesh=path)
-    surfaces, materials = _surfaces(scene, error)
+        return StaticMesh(path, (), skinned=True)
+    surfaces, materials = _surfaces(scene)
     look = _look([read_material(scene, number, path.parent) for number in materials])
     return StaticMesh(path, tuple(surfaces), look, False)
 
@@ -44,7 +39,7 @@ def _is_skin(scene: Scene, number: int) -> bool:
     return node.name == "Deformer" and len(node.properties) > 2 and str(node.properties[2]) == "Cluster"
 
 
-def _surfaces(scene: Scene, error: Callable[..., FormatError]) -> tuple[list[Surface], list[int]]:
+def _surfaces(scene: Scene) -> tuple[list[Surface], list[int]]:
     out: list[Surface] = []
     materials: list[int] = []
     placed = standing_models(scene)
@@ -58,7 +53,7 @@ def _surfaces(scene: Scene, error: Callable[..., FormatError]) -> tuple[list[Sur
             one = np.zeros((len(points), 1), np.int64)
             matrix = placed[model] @ geometric(scene, model)
             for part in mesh_parts(scene, geometry, scene.models[model].name, points,
-                                   Binding(matrix, np.eye(4)[None], one, one + 1.0, True),
+                                   Binding(matrix, np.eye(4)[None], one, np.ones((len(points), 1)), True),
                                    [materials.index(m) for m in mine]):  # fmt: skip
                 uv: dict[str, FloatArray] = {} if part.uvs is None else {"TEXCOORD_0": part.uvs}
                 out.append(Surface(part.name, part.positions, part.triangles, part.normals, uv, part.material,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError
 from muybridge.motion.character.character import Morph
 from muybridge.motion.character.gltf_meshes import WORLD_FROM_GLTF, read_image, read_triangles
 from muybridge.motion.character.meshes.static_mesh import Look, Picture, StaticMesh, Surface
@@ -26,16 +25,15 @@ _MODES = (4, 5, 6)
 
 
 def read_gltf_mesh(path: Path) -> StaticMesh:
-    """The surfaces of all nodes of a file's scene; called within `parsing`.
+    """The surfaces of all nodes of a file's scene, none of one with a skin; called within `parsing`.
 
     Raises:
-        FormatError: it has a skin, or its geometry is compressed by Draco.
+        FormatError: its geometry is compressed by Draco.
     """
     document = Document(path)
     raw_nodes = document.json.get("nodes") or []
     if any("skin" in node for node in raw_nodes) and document.json.get("skins"):
-        raise FormatError(f"{path}: its mesh has a skin already, so it needs no new rig", remedy="has_skin",
-                          mesh=path)  # fmt: skip
+        return StaticMesh(path, (), skinned=True)
     nodes = read_nodes(document) if raw_nodes else []
     surfaces: list[Surface] = []
     for n, matrix in _placed(document, nodes).items():

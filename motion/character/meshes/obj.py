@@ -44,7 +44,7 @@ def _numbers(path: Path, lines: list[bytes], word: bytes) -> FloatArray:
     if not own:
         return np.zeros((0, 3))
     width = len(own[0].split())
-    values = np.fromstring(b" ".join(own), sep=" ")  # type: ignore[call-overload]
+    values = np.fromstring(b" ".join(own), sep=" ")
     if len(values) != width * len(own):
         values = np.array([[float(v) for v in line.split()[: min(width, 3)]] for line in own]).reshape(-1)
         width = len(values) // len(own)
@@ -73,7 +73,7 @@ def _corners(path: Path, faces: list[bytes], counts: tuple[int, int, int]) -> In
         if size < 3:
             continue
         text = b" ".join(own).replace(b"//", b"/0/").replace(b"/", b" ")
-        values = np.fromstring(text, dtype=np.int64, sep=" ")  # type: ignore[call-overload]
+        values = np.fromstring(text, dtype=np.int64, sep=" ")
         width = min(slashes, 2) + 1
         if len(values) != len(own) * size * width:
             raise FormatError(f"{path}: a face has corners of different kinds", remedy="export_gltf")

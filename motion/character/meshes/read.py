@@ -48,6 +48,9 @@ def read_mesh(path: Path) -> StaticMesh:
 
 
 def _check(mesh: StaticMesh) -> None:
+    if mesh.skinned:
+        raise FormatError(f"{mesh.path}: its mesh has a skin already, so it needs no new rig", remedy="has_skin",
+                          mesh=mesh.path)  # fmt: skip
     faces = sum(len(surface.triangles) for surface in mesh.surfaces)
     if not faces:
         raise FormatError(f"{mesh.path}: holds no faces, so there is nothing to rig", remedy="mesh_faces")

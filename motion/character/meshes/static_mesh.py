@@ -81,6 +81,7 @@ class StaticMesh:
         look: materials.
         faces_front: whether the format states that models face its front, as glTF does.
         notices: what was assumed or left out in reading, one sentence each.
+        skinned: whether the file has a skin, and its surfaces were not read.
     """
 
     path: Path
@@ -88,6 +89,7 @@ class StaticMesh:
     look: Look = field(default_factory=Look)
     faces_front: bool = False
     notices: tuple[str, ...] = ()
+    skinned: bool = False
 
     @property
     def vertices(self) -> FloatArray:

@@ -1,6 +1,7 @@
 """Meshes of PLY and STL files, read by trimesh."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +28,12 @@ def read_table_mesh(path: Path) -> StaticMesh:
     if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
         raise FormatError(f"{path}: holds no faces, so there is nothing to rig", remedy="mesh_faces")
     attributes: dict[str, FloatArray] = {}
-    uv = getattr(part.visual, "uv", None)
+    visual: Any = part.visual
+    uv = getattr(visual, "uv", None)
     if uv is not None and len(uv) == len(part.vertices):
         attributes["TEXCOORD_0"] = np.asarray(uv, float) * [1, -1] + [0, 1]
-    if part.visual.kind == "vertex":
-        attributes["COLOR_0"] = np.asarray(part.visual.vertex_colors, float) / 255
+    if visual.kind == "vertex":
+        attributes["COLOR_0"] = np.asarray(visual.vertex_colors, float) / 255
     normals = np.asarray(part.vertex_normals, float) if "vertex_normals" in part._cache else None
     surface = Surface(
         path.stem, np.asarray(part.vertices, float), np.asarray(part.faces, np.int64), normals, attributes

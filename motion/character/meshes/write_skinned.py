@@ -52,7 +52,8 @@ def write_skinned_glb(
     parts = [_part(buffer, surface, joints[a:b], weights[a:b], len(skeleton))
              for surface, a, b in zip(mesh.surfaces, starts, starts[1:], strict=False)]  # fmt: skip
     names = list(dict.fromkeys(s.name for s in mesh.surfaces))
-    meshes, drawn = [], []
+    meshes: list[dict[str, Any]] = []
+    drawn: list[dict[str, Any]] = []
     for name in names:
         own = [p for p, s in zip(parts, mesh.surfaces, strict=True) if s.name == name]
         entry: dict[str, Any] = {"name": name, "primitives": own}

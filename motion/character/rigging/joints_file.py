@@ -1,7 +1,7 @@
 """Joints in a file that a user corrects: written from what was found, and applied again."""
 
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ from muybridge.motion.character.rigging.rig import MeshRig
 
 _HEAD = """# Joints of {mesh}, in metres: x to the left of the body, y to its back, z up, which are
 # the axes that Blender shows the written file in. Move what is wrong, and leave out what
-# shall be found anew; a joint that is named here is where this file says.
+# shall be found anew; a joint that is named here is where this file says. `placed` is how the
+# mesh was moved, row after row: leave it as it is.
 """
 _ROOM = 0.25  # of the mesh's extent beyond its box within which a joint may be
 
@@ -25,15 +26,32 @@ def write_joints(path: Path, mesh: Path, rig: MeshRig) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    lines = [_HEAD.format(mesh=mesh.name), f'template = "{rig.template.name}"\n', "[joints]"]
+    rows = ", ".join(f"[{', '.join(f'{v + 0.0:.9g}' for v in row)}]" for row in rig.new_from_old[:3])
+    head = [_HEAD.format(mesh=mesh.name), f'template = "{rig.template.name}"', f"placed = [{rows}]\n"]
+    lines = [*head, "[joints]"]
     for role in rig.template.roles:
         lines.append(f"{role} = [{', '.join(f'{v + 0.0:.4f}' for v in rig.places[role])}]")
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def read_joints(path: Path) -> tuple[str | None, dict[str, FloatArray]]:
-    """The template that a file of joints names, None if it names none; and role -> (3,) metres.
+@dataclass(frozen=True, eq=False)
+class KnownJoints:
+    """What a file of joints says.
+
+    Attributes:
+        template: its name; None if the file names none.
+        places: role -> (3,) metres.
+        new_from_old: (4, 4) how the mesh is moved; None if the file does not say.
+    """
+
+    template: str | None
+    places: dict[str, FloatArray]
+    new_from_old: FloatArray | None = None
+
+
+def read_joints(path: Path) -> KnownJoints:
+    """Read a file of joints.
 
     Raises:
         FormatError: it is no such file, or a place is not three finite numbers.
@@ -49,7 +67,19 @@ def read_joints(path: Path) -> tuple[str | None, dict[str, FloatArray]]:
         if not good or not np.isfinite(np.array(place, float)).all():
             raise FormatError(f"{path}: the joint {role} must be three finite numbers, [x, y, z] in metres")
         out[role] = np.array(place, float)
-    return values.get("template"), out
+    return KnownJoints(values.get("template"), out, _matrix(path, values.get("placed")))
+
+
+def _matrix(path: Path, rows: Any) -> FloatArray | None:
+    if rows is None:
+        return None
+    try:
+        matrix = np.array([*rows, [0, 0, 0, 1]], float)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+        raise FormatError(f"{path}: `placed` must be three rows of four numbers; leave it as it was written")
+    return matrix
 
 
 def apply_joints(rig: MeshRig, places: dict[str, FloatArray], vertices: FloatArray, path: Path) -> MeshRig:

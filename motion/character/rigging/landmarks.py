@@ -18,11 +18,11 @@ _GROWN = 1.6  # by which the section of a body that two legs enter exceeds their
 
 
 class NoBody(ValueError):
-    """A volume without the limbs that a template needs; the message says which, and `remedy` what to do."""
+    """A volume without the limbs that a template needs; the message says which, `four_legs` whether it is an animal."""
 
-    def __init__(self, message: str, remedy: str = "rig_template") -> None:
+    def __init__(self, message: str, four_legs: bool = False) -> None:
         super().__init__(message)
-        self.remedy = remedy
+        self.four_legs = four_legs
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def find_landmarks(volume: Volume) -> Landmarks:
     """
     branches, height = branches_of(volume)
     if feet_of_animal(branches, height):
-        raise NoBody("it stands on four legs", "rig_quadruped")
+        raise NoBody("it stands on four legs", four_legs=True)
     legs = []
     for sign in (1.0, -1.0):
         low = [b for b in branches if b.points[0, 2] < 0.15 * height and b.points[0, 0] * sign > 0]
@@ -210,7 +210,7 @@ def _arm(volume: Volume, way: Branch, height: float) -> Arm:
     sections = []
     for s in np.arange(0.04, 0.97, 1 / _SAMPLES) * whole:
         tangent = way.at(s + 3 * step) - way.at(s - 3 * step)
-        area = section(volume, way.at(s), tangent / max(np.linalg.norm(tangent), 1e-9), 0.2 * height)[0]
+        area = section(volume, way.at(s), tangent / max(float(np.linalg.norm(tangent)), 1e-9), 0.2 * height)[0]
         sections.append((s, max(area, volume.cell**2)))
     table = np.array(sections)
     growth = np.log(table[2:, 1] / table[:-2, 1])
@@ -218,7 +218,7 @@ def _arm(volume: Volume, way: Branch, height: float) -> Arm:
     growth[(middle < 0.45) | (middle > 0.92)] = -np.inf
     armpit = float(table[1 + int(np.argmax(growth)), 0])
     near, far = way.at(armpit - 0.02 * height), way.at(armpit - 0.35 * armpit)
-    direction = (near - far) / max(np.linalg.norm(near - far), 1e-9)
+    direction = (near - far) / max(float(np.linalg.norm(near - far)), 1e-9)
     return Arm(way, armpit, direction, table)
 
 

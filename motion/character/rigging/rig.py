@@ -130,6 +130,25 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
     return replace(rig, held=held, notices=notices)
 
 
+def rig_of_joints(
+    vertices: FloatArray, triangles: IntArray, places: dict[str, FloatArray], new_from_old: FloatArray,
+    options: RigOptions,
+) -> MeshRig:  # fmt: skip
+    """The skeleton whose joints are all known; nothing is searched for.
+
+    Args:
+        vertices: (V, 3) metres, Z up.
+        triangles: (F, 3).
+        places: role -> (3,) metres in the new world, of every joint of the template.
+        new_from_old: (4, 4) the new world from that of the mesh.
+        options: template and names.
+    """
+    template = TEMPLATES[options.template]
+    whole = repair(vertices, triangles)
+    return MeshRig(template, joint_names(template, options.rig), {r: places[r] for r in template.roles}, new_from_old,
+                   whole.inside_out, notices=tuple(_of_repair(whole)))  # fmt: skip
+
+
 def standing_volume(vertices: FloatArray, triangles: IntArray) -> tuple[Landmarks, FloatArray]:
     """The landmarks of a body, and (4, 4) its own frame from the mesh's.
 
@@ -194,7 +213,8 @@ def _embed(
             return place_quadruped(volume), ()
         marks = find_landmarks(volume)
     except NoBody as error:
-        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}", remedy=error.remedy) from None
+        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}",
+                             remedy="rig_quadruped" if error.four_legs else "rig_template") from None  # fmt: skip
     person = is_person(marks)
     places = place_people(marks) if person else place_stylised(marks)
     notes = [] if person else ["its proportions are no person's, so joints follow its shape alone"]

@@ -73,6 +73,18 @@ def test_joints_are_written_corrected_and_applied(tmp_path, hero):
     assert not back.clips
 
 
+def test_a_whole_file_of_joints_is_taken_as_it_is_of_a_body_that_was_turned(tmp_path):
+    vertices, triangles, _ = person(40.0)
+    path, toml = obj(tmp_path / "back.obj", vertices * [-1, -1, 1], triangles), tmp_path / "joints.toml"
+    outs = [tmp_path / "a.glb", tmp_path / "b.glb"]
+    assert character(path, write_joints=toml, rig_only=True, out=outs[0]) == 0
+    assert character(path, joints=toml, rig_only=True, out=outs[1]) == 0
+    one, two = (read_character(out) for out in outs)
+    assert np.allclose(one.meshes[0].positions, two.meshes[0].positions, atol=1e-6)
+    assert np.allclose(one.skeleton.rest_positions, two.skeleton.rest_positions, atol=2e-4)
+    assert one.skeleton.rest_positions[one.skeleton.index("left_foot"), 0] > 0
+
+
 def test_units_are_guessed_and_heights_set(tmp_path, capsys):
     vertices, triangles, _ = person(40.0)
     large = obj(tmp_path / "large.obj", vertices, triangles, 100.0)
@@ -125,6 +137,8 @@ def test_other_mistakes_are_refused_in_one_line(tmp_path, hero, capsys):
     toml = tmp_path / "joints.toml"
     for text, said in (("[joints]\nknee = [0, 0, 0]", "no joint 'knee'"), ("[joints]\nhips = [0, 1]", "three finite"),
                        ("[joints]\nhips = [0, 0, 90.0]", "far from the mesh"), ("x = 1", "table [joints]"),
+                       ('template = "x"\n[joints]\nhips = [0, 0, 1]', "unknown template"),
+                       ("placed = [1]\n[joints]\nhips = [0, 0, 1]", "three rows"),
                        ("not toml", "joints.toml")):  # fmt: skip
         toml.write_text(text)
         assert said in refused(capsys, hero, rig_only=True, out=tmp_path / "b.glb", joints=toml)

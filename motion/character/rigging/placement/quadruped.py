@@ -23,7 +23,7 @@ def place_quadruped(volume: Volume) -> dict[str, FloatArray]:
     branches, height = branches_of(volume)
     ways = feet_of_animal(branches, height)
     if not ways:
-        raise NoBody("it does not stand on four legs", "rig_template")
+        raise NoBody("it does not stand on four legs")
     places = volume.centres(np.argwhere(volume.inside))
     middle = places[np.abs(places[:, 0]) < 2.5 * volume.cell]
     front, back = (float(np.mean([w.points[0, 1] for w in ways[k : k + 2]])) for k in (0, 2))
@@ -48,7 +48,7 @@ def _trunk_at(middle: FloatArray, y: float, cell: float) -> tuple[float, float]:
     """Metres: height of the trunk's underside at a place along it, and its thickness."""
     here = middle[np.abs(middle[:, 1] - y) < 1.5 * cell]
     if not len(here):
-        raise NoBody("its legs hang on no trunk", "rig_template")
+        raise NoBody("its legs hang on no trunk")
     return float(here[:, 2].min()), float(np.ptp(here[:, 2]))
 
 
