@@ -13,6 +13,7 @@ from muybridge.motion.character.rigging.volume import Volume
 _LEAST_BRANCH = 0.05  # of the height
 _SAMPLES = 60  # cross-sections along an arm
 _SPLIT = 0.42  # of the height: below it the two legs are kept apart
+_STUB = 0.5  # of the other side's free length, below which a way is no arm
 _THINNED = 2  # layers of cells that are taken off to part an arm from the body
 _GROWN = 1.6  # by which the section of a body that two legs enter exceeds theirs, if a skirt hides them
 
@@ -136,12 +137,15 @@ def _arms(volume: Volume, legs: list[Branch], branches: Sequence[Branch], height
             found = [b for b in branches if all(b is not leg for leg in legs) and _is_arm(b, sign, height)]
             if ways[k] is None and found:
                 ways[k] = max(found, key=lambda b: b.free + 0.5 * abs(float(b.points[0, 0])))
+        left, right = ways
+        if left is not None and right is not None and min(left.free, right.free) < _STUB * max(left.free, right.free):
+            ways[0 if left.free < right.free else 1] = None  # a shoulder, or a strand of hair
         if all(way is not None for way in ways):
             break
-    left, right = (None if way is None else _arm(volume, way, height) for way in ways)
-    if left is None and right is None:
+    arms = [None if way is None else _arm(volume, way, height) for way in ways]
+    if arms[0] is None and arms[1] is None:
         raise NoBody("no arms were found")
-    return left or _mirrored(right), right or _mirrored(left)
+    return arms[0] or _mirrored(arms[1]), arms[1] or _mirrored(arms[0])
 
 
 def _mirrored(arm: Arm | None) -> Arm:
@@ -198,8 +202,8 @@ def middle_of(graph: Graph, height: float) -> int:
 def _is_arm(branch: Branch, sign: float, height: float) -> bool:
     tip = branch.points[0]
     lateral = float((branch.points[:, 0] * sign).max())
-    return bool(tip[0] * sign > 0.08 * height and lateral > 0.12 * height and tip[2] > 0.15 * height
-                and tip[0] * sign > 0.5 * lateral)  # fmt: skip
+    long = branch.free > 0.12 * height and lateral > 0.12 * height
+    return bool(long and tip[0] * sign > max(0.08 * height, 0.5 * lateral) and tip[2] > 0.15 * height)
 
 
 def _arm(volume: Volume, way: Branch, height: float) -> Arm:

@@ -91,7 +91,7 @@ def build_graph(volume: Volume) -> Graph:
                  coo_matrix((length / middle**_CENTRED, (row, column)), shape=shape).tocsr())  # fmt: skip
 
 
-def find_branches(graph: Graph, root: int, least: float, most: int = 12) -> list[Branch]:
+def find_branches(graph: Graph, root: int, least: float, most: int = 24) -> list[Branch]:
     """The ways from the ends of a volume to a root, the farthest first.
 
     Args:

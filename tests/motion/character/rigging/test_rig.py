@@ -88,3 +88,12 @@ def test_a_prop_in_one_hand_is_rigid_to_it_and_misleads_nothing():
     assert (rig.held[: len(vertices)] == -1).all()
     assert max(errors(rig, joints).values()) < 0.04
     assert any("rigid to right_hand" in note for note in rig.notices)
+
+
+def test_strands_of_hair_are_no_arms():
+    vertices, triangles, joints = person(70.0)
+    angles = np.linspace(0.3, 2 * np.pi + 0.3, 18, endpoint=False)
+    roots = np.stack([0.09 * np.cos(angles), 0.09 * np.sin(angles) - 0.02, np.full(18, 1.62)], axis=1)
+    strands = [capsule(root, root * [2.6, 2.6, 1] - [0, 0, 0.12], 0.014, 0.01) for root in roots]
+    found = errors(rig_mesh(*together([(vertices, triangles), *strands])), joints)
+    assert max(found.values()) < 0.05, found
