@@ -65,7 +65,10 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
     if known.new_from_old is not None and set(TEMPLATES[options.template].roles) <= set(known.places):
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
-        rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+        try:
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+        except MuybridgeError as error:
+            raise error.about(str(path)) from None
     matrix = rig.new_from_old
     if height is not None and not known.places:
         size = np.diag([height / float(np.ptp(mesh.moved(matrix).vertices[:, 2]))] * 3 + [1.0])

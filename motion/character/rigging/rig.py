@@ -26,6 +26,7 @@ from muybridge.motion.character.rigging.volume import Volume, fill_volume
 _COARSE, _FINE = 64, 150  # cells along the longest extent, and along the height
 _MOST = 300  # cells along the longest extent
 _LEAST_FACES = 20
+_FLAT = 0.01  # of the largest spread of the vertices, the smallest below which they show no body
 _DEEP, _NEAR = 1.4, 8  # cells from the surface that a joint is at least, and how far it may be moved for that
 _SYMMETRIC = 0.93  # share of the volume that is mirrored, below which the plane of symmetry may be a wrong one
 _SLACK = 0.005  # of that share, by which it may fall when props are left out
@@ -115,6 +116,9 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
     if len(whole.triangles) < _LEAST_FACES:
         raise MuybridgeError(f"only {len(whole.triangles)} of its faces have an area, which show no body",
                              remedy="mesh_repair")  # fmt: skip
+    spans = np.linalg.svd(whole.vertices - whole.vertices.mean(axis=0), full_matrices=False)[1]
+    if spans[2] < _FLAT * spans[0]:
+        raise MuybridgeError("is flat, which shows no body", remedy="mesh_repair")
     found, body, props = _stand(whole)
     volume, shift = _fine_volume(body, found)
     places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift))

@@ -97,3 +97,11 @@ def test_strands_of_hair_are_no_arms():
     strands = [capsule(root, root * [2.6, 2.6, 1] - [0, 0, 0.12], 0.014, 0.01) for root in roots]
     found = errors(rig_mesh(*together([(vertices, triangles), *strands])), joints)
     assert max(found.values()) < 0.05, found
+
+
+def test_a_long_skirt_makes_nobody_a_cartoon_figure():
+    vertices, triangles, joints = person(0.0)
+    skirt = capsule([0, 0, 0.95], [0, 0, 0.55], 0.15, 0.22)
+    rig = rig_mesh(*together([(vertices, triangles), skirt]))
+    assert not rig.notices
+    assert max(errors(rig, joints).values()) < 0.05

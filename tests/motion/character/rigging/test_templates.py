@@ -35,6 +35,12 @@ def test_two_bodies_in_one_mesh_are_refused():
         rig_mesh(*together([(vertices, triangles), (vertices + [1.6, 0, 0], triangles)]))
 
 
+def test_a_flat_mesh_is_refused():
+    vertices, triangles, _ = person(40.0)
+    with pytest.raises(MuybridgeError, match="flat"):
+        rig_mesh(vertices * [1, 0, 1], triangles)
+
+
 def test_what_is_no_body_is_refused():
     with pytest.raises(MuybridgeError, match="no body"):
         rig_mesh(*capsule([0, 0, 0], [0, 0, 1], 0.3, 0.3))
