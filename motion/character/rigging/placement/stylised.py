@@ -10,7 +10,8 @@ from muybridge.arrays import FloatArray
 from muybridge.motion.character.rigging.landmarks import Arm, Landmarks, Leg
 from muybridge.motion.character.rigging.placement.people import SIDES
 
-_LOW_ARMPIT, _HIGH_ARMPIT = 0.66, 0.68  # of the height: people's are above the second, with hats above the first
+_LOW_ARMPIT, _HIGH_ARMPIT = 0.56, 0.68  # of the height: people's are above the second, of hanging arms above the first
+_LOW_CROTCH = 0.2  # of the height: below that, legs are no person's
 _SHOULDER = 1.05  # of the way from the tip of the hand to the armpit
 _WRIST, _ELBOW = 0.31, 0.66  # of the way from the tip of the hand to the shoulder
 _STRAIGHT = (0.4, 0.8)  # of the way to the armpit: the part whose line leads to the shoulder, where sleeves do not sag
@@ -24,7 +25,7 @@ def is_person(marks: Landmarks) -> bool:
     armpit = float(np.mean([arm.way.at(arm.armpit)[2] for arm in marks.arms])) / marks.height
     if armpit > _HIGH_ARMPIT:  # whatever a skirt makes of the crotch
         return True
-    return armpit > _LOW_ARMPIT and (marks.hidden or marks.crotch > 0.25 * marks.height)
+    return armpit > _LOW_ARMPIT and (marks.hidden or marks.crotch > _LOW_CROTCH * marks.height)
 
 
 def place_stylised(marks: Landmarks) -> dict[str, FloatArray]:
