@@ -10,7 +10,7 @@ from muybridge.errors import FormatError
 from muybridge.geometry.numerics.rotations import matrix_from_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.character.character import Character
-from muybridge.motion.character.fbx_meshes import read_material, read_meshes
+from muybridge.motion.character.fbx_meshes import read_material, read_meshes, standing_models
 from muybridge.motion.formats.clip_choice import Clip
 from muybridge.motion.formats.fbx.append import model_tracks, write_fbx_clip
 from muybridge.motion.formats.fbx.read import FbxRig, even_times, forward, read_rig, rest_turns
@@ -57,7 +57,7 @@ def read_fbx_character(path: Path, clip: Clip) -> Character:
     )  # fmt: skip
     sizes = np.array([still[2][n] for n in joints])
     linear = scene.metres * sizes[:, None, None] * (scene.axes @ own)
-    meshes, materials, left = read_meshes(rig, linear, scene.metres * at_rest @ scene.axes.T, _standing(rig, still))
+    meshes, materials, left = read_meshes(rig, linear, scene.metres * at_rest @ scene.axes.T, standing_models(scene))
     notices = [f"{path.name}: {left} meshes hang on no joint and stay as they are"] if left else []
     return Character(
         path, skeleton, scene.metres * scene.axes @ at_rest[0], motion, tuple(meshes),
@@ -78,27 +78,6 @@ def _rest_places(rig: FbxRig, still: Frames, rest: dict[int, FloatArray]) -> Flo
         else:
             out[n] = still[1][n][0]
     return np.stack([out[n] for n in rig.joints])
-
-
-def _standing(rig: FbxRig, still: Frames) -> dict[int, FloatArray]:
-    """(4, 4) world from every model without animation, in metres."""
-    scene = rig.scene
-    world = np.eye(4)
-    world[:3, :3] = scene.metres * scene.axes
-    out: dict[int, FloatArray] = {0: np.eye(4)}
-
-    def matrix(n: int) -> FloatArray:
-        if n not in out:
-            step, model = np.eye(4), scene.models[n]
-            turn = model.turns(model.vectors["Lcl Rotation"][None])[0]
-            step[:3, :3] = turn * model.vectors["Lcl Scaling"]
-            v = model.vectors
-            pivot = v["ScalingOffset"] + v["ScalingPivot"] - v["RotationPivot"] - v["Lcl Scaling"] * v["ScalingPivot"]
-            step[:3, 3] = v["Lcl Translation"] + v["RotationOffset"] + v["RotationPivot"] + turn @ pivot
-            out[n] = matrix(model.parent) @ step
-        return out[n]
-
-    return {n: world @ matrix(n) for n in scene.models}
 
 
 def write_fbx_character_clip(source: FbxSource, motion: Motion, path: Path, name: str) -> tuple[str, ...]:

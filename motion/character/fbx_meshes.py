@@ -18,7 +18,7 @@ _SAME = 1e-6  # corners of one point whose normals and coordinates differ by les
 
 
 @dataclass
-class _Binding:
+class Binding:
     """What moves a mesh: world from mesh as bound, (J, 4, 4) joints from it, (V, K) joints and weights of points."""
 
     world_from_mesh: FloatArray
@@ -42,10 +42,9 @@ def read_meshes(
     scene, out, materials, left = rig.scene, [], [], 0
     for model in scene.models:
         for geometry in scene.below(model, "Geometry"):
-            node = scene.objects[geometry]
-            if not node.all("Vertices") or not node.all("PolygonVertexIndex"):
+            points = points_of(scene, geometry)
+            if points is None:
                 continue
-            points = _array(node, "Vertices").reshape(-1, 3)
             binding = _skinned(rig, geometry, len(points), linear) or _hung(
                 rig, model, len(points), linear, places, still
             )
@@ -55,8 +54,36 @@ def read_meshes(
             mine = scene.below(model, "Material")
             materials += [m for m in mine if m not in materials]
             numbers = [materials.index(m) for m in mine]
-            out += _parts(scene, geometry, scene.models[model].name, points, binding, numbers)
+            out += mesh_parts(scene, geometry, scene.models[model].name, points, binding, numbers)
     return out, materials, left
+
+
+def points_of(scene: Scene, geometry: int) -> FloatArray | None:
+    """(N, 3) the points of a geometry in the file's unit; None where it is no mesh."""
+    node = scene.objects[geometry]
+    if not node.all("Vertices") or not node.all("PolygonVertexIndex"):
+        return None
+    return _array(node, "Vertices").reshape(-1, 3)
+
+
+def standing_models(scene: Scene) -> dict[int, FloatArray]:
+    """(4, 4) world from every model of a scene without animation, in metres."""
+    world = np.eye(4)
+    world[:3, :3] = scene.metres * scene.axes
+    out: dict[int, FloatArray] = {0: np.eye(4)}
+
+    def matrix(n: int) -> FloatArray:
+        if n not in out:
+            step, model = np.eye(4), scene.models[n]
+            turn = model.turns(model.vectors["Lcl Rotation"][None])[0]
+            step[:3, :3] = turn * model.vectors["Lcl Scaling"]
+            v = model.vectors
+            pivot = v["ScalingOffset"] + v["ScalingPivot"] - v["RotationPivot"] - v["Lcl Scaling"] * v["ScalingPivot"]
+            step[:3, 3] = v["Lcl Translation"] + v["RotationOffset"] + v["RotationPivot"] + turn @ pivot
+            out[n] = matrix(model.parent) @ step
+        return out[n]
+
+    return {n: world @ matrix(n) for n in scene.models}
 
 
 def _array(node: Node, name: str) -> FloatArray:
@@ -66,7 +93,7 @@ def _array(node: Node, name: str) -> FloatArray:
     return np.asarray(values, float)
 
 
-def _skinned(rig: FbxRig, geometry: int, count: int, linear: FloatArray) -> _Binding | None:
+def _skinned(rig: FbxRig, geometry: int, count: int, linear: FloatArray) -> Binding | None:
     scene, place = rig.scene, {n: k for k, n in enumerate(rig.joints)}
     place |= {end: place[n] for n, end in rig.tips.items()}
     clusters: list[tuple[int, Node]] = []
@@ -94,7 +121,7 @@ def _skinned(rig: FbxRig, geometry: int, count: int, linear: FloatArray) -> _Bin
                 raise ValueError("a skin's points and weights do not fit its mesh")
             pairs.append((at, np.full(len(at), j), weights))
     joints, weights = _gathered(pairs, count)
-    return _Binding(world_from_mesh, bind, joints, weights, False)
+    return Binding(world_from_mesh, bind, joints, weights, False)
 
 
 def _gathered(pairs: Sequence[tuple[IntArray, IntArray, FloatArray]], count: int) -> tuple[IntArray, FloatArray]:
@@ -114,7 +141,7 @@ def _gathered(pairs: Sequence[tuple[IntArray, IntArray, FloatArray]], count: int
 
 def _hung(
     rig: FbxRig, model: int, count: int, linear: FloatArray, places: FloatArray, still: dict[int, FloatArray]
-) -> _Binding | None:
+) -> Binding | None:
     scene, holder = rig.scene, model
     while holder and holder not in rig.joints:
         holder = scene.models[holder].parent
@@ -123,11 +150,11 @@ def _hung(
     j = rig.joints.index(holder)
     at_rest, bind = np.eye(4), np.tile(np.eye(4), (len(rig.joints), 1, 1))
     at_rest[:3, :3], at_rest[:3, 3], bind[j, :3, 3] = linear[j], places[j], -places[j]
-    world_from_mesh = at_rest @ np.linalg.inv(still[holder]) @ still[model] @ _geometric(scene, model)
-    return _Binding(world_from_mesh, bind, np.full((count, 1), j), np.ones((count, 1)), True)
+    world_from_mesh = at_rest @ np.linalg.inv(still[holder]) @ still[model] @ geometric(scene, model)
+    return Binding(world_from_mesh, bind, np.full((count, 1), j), np.ones((count, 1)), True)
 
 
-def _geometric(scene: Scene, model: int) -> FloatArray:
+def geometric(scene: Scene, model: int) -> FloatArray:
     """(4, 4) a model from its mesh, which the mesh alone is moved by."""
     own, out = properties(scene.objects[model]), np.eye(4)
     vectors = [np.array(own.get(f"Geometric{what}", (usual,) * 3)[:3], float)
@@ -141,10 +168,10 @@ def _matrix(cluster: Node, name: str) -> FloatArray:
     return _array(cluster, name).reshape(4, 4).T
 
 
-def _parts(
-    scene: Scene, geometry: int, name: str, points: FloatArray, binding: _Binding, materials: list[int]
+def mesh_parts(
+    scene: Scene, geometry: int, name: str, points: FloatArray, binding: Binding, materials: list[int]
 ) -> list[Mesh]:
-    """A mesh for each of the materials of a geometry."""
+    """A mesh for each of the materials of a geometry, whose points are (N, 3); `materials` are those of its model."""
     node = scene.objects[geometry]
     corners = _array(node, "PolygonVertexIndex").astype(np.int64)
     last = corners < 0

@@ -131,14 +131,15 @@ def _part(
         for k, target in enumerate(part.get("targets", [])) if "POSITION" in target
     ]  # fmt: skip
     return Mesh(
-        name, positions @ turn.T + shift, _triangles(document, part, len(positions), np.linalg.det(turn) < 0), joints,
-        weights, bind, normals,
+        name, positions @ turn.T + shift,
+        read_triangles(document, part, len(positions), bool(np.linalg.det(turn) < 0)), joints, weights, bind, normals,
         document.accessor(attributes["TEXCOORD_0"]) if "TEXCOORD_0" in attributes else None, tuple(morphs),
         np.array([*morph_weights, *[0.0] * len(morphs)][: len(morphs)], float), part.get("material"), rigid,
     )  # fmt: skip
 
 
-def _triangles(document: Document, part: dict[str, Any], count: int, mirrored: bool) -> IntArray:
+def read_triangles(document: Document, part: dict[str, Any], count: int, mirrored: bool) -> IntArray:
+    """(F, 3) vertices of a primitive, `count` of which there are, turned round where its node mirrors it."""
     corners = document.accessor(part["indices"])[:, 0].astype(np.int64) if "indices" in part else np.arange(count)
     if corners.max(initial=-1) >= count:
         raise document.error(f"a mesh refers to vertex {corners.max()} of {count}")
@@ -167,7 +168,7 @@ def _material(document: Document, number: int, raw: dict[str, Any]) -> Material:
         for extension in (texture.get("extensions") or {}).values():
             source = extension.get("source", source) if isinstance(extension, dict) and source is None else source
         if source is not None:
-            image, kind = _image(document, document.json["images"][source])
+            image, kind = read_image(document, document.json["images"][source])
     colour = np.array(look.get("baseColorFactor", [1, 1, 1, 1]), float)
     if colour.shape != (4,):
         raise document.error(f"the colour of material {number} is not four numbers")
@@ -175,7 +176,8 @@ def _material(document: Document, number: int, raw: dict[str, Any]) -> Material:
                     bool(raw.get("doubleSided")))  # fmt: skip
 
 
-def _image(document: Document, raw: dict[str, Any]) -> tuple[bytes | None, str]:
+def read_image(document: Document, raw: dict[str, Any]) -> tuple[bytes | None, str]:
+    """The bytes of an image and its media type; None where it cannot be found."""
     if "bufferView" in raw:
         return document.view(raw["bufferView"]), str(raw.get("mimeType", ""))
     uri = str(raw.get("uri", ""))

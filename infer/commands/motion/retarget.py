@@ -9,7 +9,7 @@ from muybridge.errors import MuybridgeError
 from muybridge.files import replacing
 from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.commands.remedies import print_error
-from muybridge.infer.pipelines.retarget import (
+from muybridge.infer.pipelines.characters.retarget import (
     Placed,
     Target,
     check_output,
@@ -108,7 +108,7 @@ def retarget(
         one = place(file, target, name_of[file], RetargetOptions(plant=plant, touch=touch), fps, clip, take_map)
         for notice in one.notices:
             progress.notice(notice)
-        print(measures(one, target), flush=True)
+        print(measures(one), flush=True)
         return one
 
     tried = try_each(files, put, print_error)

@@ -47,7 +47,7 @@ def write_glb(path: Path, motion: Motion, keys: Keys | None = None) -> None:
     rest = skeleton.rest_positions
     reach = np.concatenate([rest, (rest + skeleton.tips)[np.isfinite(skeleton.tips).all(axis=1)]])
     rest -= (0.0, 0.0, reach[:, 2].min())  # on the ground at rest
-    nodes = _joint_nodes(skeleton, rest)
+    nodes = joint_nodes(skeleton, rest)
     tops = list(skeleton.roots)
     if len(tops) > 1:
         nodes.append({"name": "skeleton", "children": tops})
@@ -73,7 +73,7 @@ def write_glb(path: Path, motion: Motion, keys: Keys | None = None) -> None:
                 "name": "skeleton",
                 "skeleton": tops[0],
                 "joints": list(range(len(skeleton))),
-                "inverseBindMatrices": buffer.add(_inverse_bind(skeleton, rest), "MAT4"),
+                "inverseBindMatrices": buffer.add(inverse_bind(skeleton, rest), "MAT4"),
             }
         ],
         "animations": [_animation(motion, buffer, keys)],
@@ -85,7 +85,7 @@ def write_glb(path: Path, motion: Motion, keys: Keys | None = None) -> None:
         temporary.write_bytes(data)
 
 
-def _joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
+def joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
     """A node per joint at rest; `rest` (J, 3) has the positions in the world."""
     axes = own_axes(skeleton, GLTF_FROM_WORLD.T)
     turns, places = rest_frames(skeleton, GLTF_FROM_WORLD.T)
@@ -104,7 +104,7 @@ def _joint_nodes(skeleton: Skeleton, rest: FloatArray) -> list[dict[str, Any]]:
     return nodes
 
 
-def _inverse_bind(skeleton: Skeleton, rest: FloatArray) -> FloatArray:
+def inverse_bind(skeleton: Skeleton, rest: FloatArray) -> FloatArray:
     """(J, 16), column after column: joint from mesh where the joints are at rest."""
     out = np.tile(np.eye(4), (len(rest), 1, 1))
     out[:, :3, 3] = -rest @ GLTF_FROM_WORLD.T

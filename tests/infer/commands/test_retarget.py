@@ -9,7 +9,13 @@ import pytest
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles
 from muybridge.infer.commands.app import run_command
+<<<<<<< HEAD
 from muybridge.infer.pipelines.retarget import (
+=======
+from muybridge.infer.pipelines.characters.retarget import (
+    clip_names,
+    find_takes,
+>>>>>>> autorig
     output_paths,
     read_run_target,
     retarget_results,

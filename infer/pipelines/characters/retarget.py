@@ -260,7 +260,7 @@ def _write_clips(placed: Sequence[Placed], character: Character, path: Path) -> 
     return list(dict.fromkeys(notices))
 
 
-def measures(placed: Placed, target: Target) -> str:
+def measures(placed: Placed) -> str:
     """One line on a take: frames, contacts, what planting did."""
     result = placed.result
     steps = int((np.diff(result.contacts.feet.astype(int), axis=0) > 0).sum() + result.contacts.feet[0].sum())

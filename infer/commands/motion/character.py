@@ -1,0 +1,113 @@
+"""The command `character`: a mesh rigged, skinned and moved."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from muybridge.errors import MuybridgeError
+from muybridge.infer.pipelines.characters.retarget import find_takes, measures
+from muybridge.infer.pipelines.characters.rigging import (
+    Rigged,
+    check_character_output,
+    move_character,
+    rig_file,
+    write_rigged,
+)
+from muybridge.infer.results.ownership import check_replaceable, refuse_root
+from muybridge.infer.runtime.progress import Progress
+from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
+from muybridge.motion.character.rigging.rig import RigOptions
+from muybridge.motion.retargeting.solver import RetargetOptions
+
+COMMON_OPTIONS = {"character": ("motion", "out", "template", "rig", "rig_only", "joints", "write_joints", "overwrite")}
+
+
+def character(
+    mesh: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MESH")],
+    /,
+    *,
+    motion: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="TAKE...")] = (),
+    out: Path | None = None,
+    template: Literal["human", "human-with-fingers", "biped", "quadruped"] = "human",
+    rig: Literal["muybridge", "mixamo", "ue5", "vrm", "humanik"] = "muybridge",
+    rig_only: bool = False,
+    joints: Path | None = None,
+    write_joints: Path | None = None,
+    height: float | None = None,
+    turn: bool = True,
+    clip_name: str | None = None,
+    fps: float | None = None,
+    plant: bool = True,
+    overwrite: bool = False,
+) -> int:
+    """Put a skeleton into a mesh that has none, skin it, and move it by takes.
+
+    The mesh stands, lies or faces anywhere, in an A-pose, a T-pose or with hanging arms; holes, loose parts and clothes
+    are no obstacle. Materials, textures and texture coordinates are kept. A mesh that has a skin already goes to
+    `muybridge retarget`.
+
+    Examples:
+        muybridge character hero.obj --motion walk.bvh --out hero.glb
+        muybridge character hero.obj --rig-only --rig mixamo --write-joints joints.toml
+
+    Args:
+        mesh: .glb, .gltf, .vrm, .fbx, .obj, .ply or .stl.
+        motion: files of motion, folders of them, session folders.
+        out: file to write, .glb or .vrm (default: MESH_rigged.glb in the current folder).
+        template: skeleton to put in.
+        rig: whose names the joints get.
+        rig_only: write the rigged mesh in its rest pose, without motion.
+        joints: TOML file with places of joints that are known (see `--write-joints`).
+        write_joints: write such a file with what was found.
+        height: metres that the body shall be tall (default: as the file has it).
+        turn: stand a lying body up, and turn it to the front.
+        clip_name: name of the clip (default: that of the take's file).
+        fps: frames per second of the clips (default: the take's).
+        plant: plant feet, and put soles on the floor.
+        overwrite: replace files that are there.
+    """
+    if not motion and not rig_only and write_joints is None:
+        raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
+    out = out or Path(f"{mesh.stem}_rigged.glb")
+    refuse_root(out)
+    check_character_output(out)
+    takes = find_takes(motion) if not rig_only else []
+    if takes and template == "quadruped":
+        raise MuybridgeError(f"{takes[0]}: takes of people cannot be put onto a quadruped; give --rig-only")
+    writes = [*([out] if takes or rig_only else []), *([write_joints] if write_joints is not None else [])]
+    check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])])
+    with Progress() as progress:
+        with progress.task(f"finding the joints of {mesh.name}", 1) as task:
+            found = rig_file(mesh, RigOptions(template, rig, turn), joints, height)
+            task.advance()
+        for notice in found.notices:
+            progress.notice(notice)
+        if write_joints is not None:
+            write_joints_file(write_joints, mesh, found.rig)
+        if takes or rig_only:
+            _write(progress, found, takes, out, clip_name, fps, plant)
+    print("\n".join(str(path) for path in writes))
+    return 0
+
+
+def _write(
+    progress: Progress, found: Rigged, takes: Sequence[Path], out: Path, clip_name: str | None, fps: float | None,
+    plant: bool,
+) -> None:  # fmt: skip
+    """Skin a rigged mesh, and write it at rest or moved."""
+    with tempfile.TemporaryDirectory() as folder:
+        rest = Path(folder) / out.name if takes else out
+        with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
+            write_rigged(found, rest)
+            task.advance()
+        if not takes:
+            return
+        options = RetargetOptions(plant=plant)
+        placed, notices = move_character(rest, found.rig, takes, out, clip_name, fps, options)
+        for notice in notices:
+            progress.notice(notice)
+        for one in placed:
+            print(measures(one))

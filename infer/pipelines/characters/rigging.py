@@ -1,0 +1,167 @@
+"""A mesh without a skeleton made into a character: read, rigged, weighted, and moved by takes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from muybridge.arrays import FloatArray, IntArray
+from muybridge.errors import FormatError, MuybridgeError
+from muybridge.geometry.roles import RoleMap
+from muybridge.geometry.skeleton.profiles import PROFILES
+from muybridge.infer.pipelines.characters.retarget import Placed, Target, clip_names, place, write_placed
+from muybridge.motion.character.meshes.read import read_mesh
+from muybridge.motion.character.meshes.static_mesh import StaticMesh
+from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
+from muybridge.motion.character.read import read_character
+from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
+from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
+from muybridge.motion.character.rigging.templates import TEMPLATES
+from muybridge.motion.retargeting.solver import RetargetOptions
+
+OUTPUTS = (".glb", ".vrm")
+INFLUENCES = 4
+# (V, 3) metres, (F, 3), (J, 3) metres, (J,) -> (V, J), dense or sparse.
+Weigh = Callable[[FloatArray, IntArray, FloatArray, Sequence[int]], Any]
+_LEAST_HEIGHT, _MOST_HEIGHT = 0.25, 4.0  # metres between which a file without a unit is taken to be in metres
+
+
+@dataclass(frozen=True, eq=False)
+class Rigged:
+    """A mesh and the skeleton in it.
+
+    Attributes:
+        mesh: upright, facing -Y, metres.
+        rig: its skeleton.
+        notices: what was assumed, one sentence each.
+    """
+
+    mesh: StaticMesh
+    rig: MeshRig
+    notices: tuple[str, ...]
+
+
+def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height: float | None = None) -> Rigged:
+    """Read a mesh, and put a skeleton into it.
+
+    Args:
+        path: of the mesh.
+        options: of rigging.
+        joints: file of places that are known.
+        height: metres that the body is tall; None: as the file has it.
+
+    Raises:
+        FormatError: a file cannot be read, or has a skin.
+        MuybridgeError: the mesh shows no body of the template.
+    """
+    mesh = read_mesh(path)
+    known = KnownJoints(None, {})
+    if joints is not None:
+        known = read_joints(joints)
+        options = replace(options, template=_template(known, joints) or options.template)
+    mesh, notices = _in_metres(mesh)
+    if known.new_from_old is not None and set(TEMPLATES[options.template].roles) <= set(known.places):
+        rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
+    else:
+        try:
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+        except MuybridgeError as error:
+            raise error.about(str(path)) from None
+    matrix = rig.new_from_old
+    if height is not None and not known.places:
+        size = np.diag([height / float(np.ptp(mesh.moved(matrix).vertices[:, 2]))] * 3 + [1.0])
+        matrix = size @ matrix
+        rig = replace(rig, places={r: size[:3, :3] @ p for r, p in rig.places.items()}, new_from_old=matrix)
+    mesh = mesh.moved(matrix, rig.inside_out)
+    if joints is not None:
+        rig = apply_joints(rig, known.places, mesh.vertices, joints)
+    return Rigged(mesh, rig, (*mesh.notices, *notices, *(f"{path.name}: {note}" for note in rig.notices)))
+
+
+def _template(known: KnownJoints, path: Path) -> str | None:
+    if known.template is not None and known.template not in TEMPLATES:
+        raise FormatError(f"{path}: unknown template {known.template!r}; valid are {', '.join(TEMPLATES)}")
+    return known.template
+
+
+def _in_metres(mesh: StaticMesh) -> tuple[StaticMesh, tuple[str, ...]]:
+    """A mesh whose format states no unit, in metres by its size."""
+    tall = float(np.ptp(mesh.vertices, axis=0).max())
+    if mesh.faces_front or _LEAST_HEIGHT <= tall <= _MOST_HEIGHT:
+        return mesh, ()
+    units = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
+    for name, metres in units.items():
+        if 0.8 <= tall * metres <= 2.6:
+            return mesh.moved(np.diag([metres] * 3 + [1.0])), (
+                f"{mesh.path.name}: is {tall:.4g} units large and was read as {name}",)  # fmt: skip
+    scale = 1.7 / tall
+    return mesh.moved(np.diag([scale] * 3 + [1.0])), (
+        f"{mesh.path.name}: is {tall:.4g} units large, of no known unit, and was made 1.7 m",)  # fmt: skip
+
+
+def influences(weights: Any, most: int = INFLUENCES) -> tuple[IntArray, FloatArray]:
+    """(V, K) joints and (V, K) weights, the largest of (V, J), each row's sum one."""
+    dense = np.asarray(weights.toarray() if hasattr(weights, "toarray") else weights, float)
+    joints = np.argsort(-dense, axis=1, kind="stable")[:, :most]
+    values = np.take_along_axis(dense, joints, axis=1)
+    values = values / np.maximum(values.sum(axis=1, keepdims=True), 1e-12)
+    return joints.astype(np.int64), values
+
+
+def write_rigged(rigged: Rigged, path: Path, weigh: Weigh | None = None) -> None:
+    """Weight a mesh to its skeleton, and write both at rest.
+
+    Args:
+        rigged: to write.
+        path: `.glb` or `.vrm`.
+        weigh: makes the weights; None for the toolkit's own.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if weigh is None:
+        from muybridge.motion.character.weights import skin_weights
+
+        weigh = skin_weights
+    rig, mesh = rigged.rig, rigged.mesh
+    joints, weights = influences(weigh(mesh.vertices, mesh.triangles, rig.joints, rig.parents))
+    if len(rig.held):
+        carried = rig.held >= 0
+        joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
+    humanoid = None
+    if path.suffix.lower() == ".vrm":
+        humanoid = {PROFILES["vrm"][role]: j for role, j in rig.roles.items() if role in PROFILES["vrm"]}
+    write_skinned_glb(path, mesh, rig.skeleton(), rig.joints[0], joints, weights, humanoid)
+
+
+def move_character(
+    rest: Path, rig: MeshRig, takes: Sequence[Path], out: Path, clip_name: str | None = None,
+    fps: float | None = None, options: RetargetOptions | None = None,
+) -> tuple[list[Placed], list[str]]:  # fmt: skip
+    """Write a rigged mesh again with a clip a take; what was placed, and notices.
+
+    Args:
+        rest: file of the rigged mesh.
+        rig: that is in it.
+        takes: files of motion.
+        out: file to write.
+        clip_name: of the clips; None: those of the takes.
+        fps: of the clips; None: those of the takes.
+        options: of retargeting.
+    """
+    character = read_character(rest)
+    roles = {role: character.skeleton.index(name) for role, name in zip(rig.template.roles, rig.names, strict=True)}
+    target = Target(character, RoleMap(roles, "template", "human"))
+    names = clip_names(takes, clip_name, ())
+    placed = [place(take, target, name, options or RetargetOptions(), fps)
+              for take, name in zip(takes, names, strict=True)]  # fmt: skip
+    notices = [notice for one in placed for notice in one.notices]
+    return placed, notices + write_placed(placed, target, [out])
+
+
+def check_character_output(out: Path) -> None:
+    """MuybridgeError where a file is of a format that holds no skinned mesh of ours."""
+    if out.suffix.lower() not in OUTPUTS:
+        raise MuybridgeError(f"{out}: a character is written as {' or '.join(OUTPUTS)}", remedy="other_name")

@@ -1,0 +1,17 @@
+from .read import MESH_SUFFIXES as MESH_SUFFIXES
+from .read import read_mesh as read_mesh
+from .static_mesh import Look as Look
+from .static_mesh import Picture as Picture
+from .static_mesh import StaticMesh as StaticMesh
+from .static_mesh import Surface as Surface
+from .write_skinned import write_skinned_glb as write_skinned_glb
+
+__all__ = [
+    "MESH_SUFFIXES",
+    "Look",
+    "Picture",
+    "StaticMesh",
+    "Surface",
+    "read_mesh",
+    "write_skinned_glb",
+]

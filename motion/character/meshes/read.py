@@ -1,0 +1,67 @@
+"""Reading meshes of all formats, with a check of what is in them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from muybridge.errors import FormatError, parsing
+from muybridge.motion.character.meshes.fbx import read_fbx_mesh
+from muybridge.motion.character.meshes.gltf import read_gltf_mesh
+from muybridge.motion.character.meshes.obj import read_obj_mesh
+from muybridge.motion.character.meshes.static_mesh import StaticMesh
+from muybridge.motion.character.meshes.tables import read_table_mesh
+
+_READERS: dict[str, tuple[Callable[[Path], StaticMesh], str, str]] = {
+    ".glb": (read_gltf_mesh, "a glTF 2.0 file", "export_gltf"),
+    ".gltf": (read_gltf_mesh, "a glTF 2.0 file", "export_gltf"),
+    ".vrm": (read_gltf_mesh, "a glTF 2.0 file", "export_gltf"),
+    ".fbx": (read_fbx_mesh, "an FBX", "resave_fbx"),
+    ".obj": (read_obj_mesh, "a Wavefront OBJ", "export_gltf"),
+    ".ply": (read_table_mesh, "a PLY", "export_gltf"),
+    ".stl": (read_table_mesh, "an STL", "export_gltf"),
+}
+MESH_SUFFIXES = tuple(_READERS)
+_LEAST_FACES = 50
+
+
+def read_mesh(path: Path) -> StaticMesh:
+    """Read the mesh of a file that has no skeleton yet.
+
+    Args:
+        path: `.glb`, `.gltf`, `.vrm`, `.fbx`, `.obj`, `.ply` or `.stl`.
+
+    Raises:
+        FormatError: malformed, of another format, without faces, with numbers that are not finite, or with a skin.
+        MuybridgeError: a library is missing that the format needs.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _READERS:
+        raise FormatError(f"{path}: is no mesh that can be read; valid are {', '.join(MESH_SUFFIXES)}")
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file")
+    reader, kind, remedy = _READERS[path.suffix.lower()]
+    with parsing(path, FormatError, kind, remedy):
+        mesh = reader(path)
+    _check(mesh)
+    return mesh
+
+
+def _check(mesh: StaticMesh) -> None:
+    if mesh.skinned:
+        raise FormatError(f"{mesh.path}: its mesh has a skin already, so it needs no new rig", remedy="has_skin",
+                          mesh=mesh.path)  # fmt: skip
+    faces = sum(len(surface.triangles) for surface in mesh.surfaces)
+    if not faces:
+        raise FormatError(f"{mesh.path}: holds no faces, so there is nothing to rig", remedy="mesh_faces")
+    for surface in mesh.surfaces:
+        bad = ~np.isfinite(surface.positions).all(axis=1)
+        if bad.any():
+            raise FormatError(f"{mesh.path}: vertex {int(np.argmax(bad))} of the mesh {surface.name!r} is not finite",
+                              remedy="mesh_repair")  # fmt: skip
+        if len(surface.triangles) and surface.triangles.max() >= len(surface.positions):
+            raise FormatError(f"{mesh.path}: the mesh {surface.name!r} refers to vertex {surface.triangles.max()} of "
+                              f"{len(surface.positions)}", remedy="mesh_repair")  # fmt: skip
+    if faces < _LEAST_FACES:
+        raise FormatError(f"{mesh.path}: has {faces} triangles, which show no body; at least {_LEAST_FACES} are needed",
+                          remedy="mesh_faces")  # fmt: skip

@@ -1,0 +1,86 @@
+"""A surface made usable for the embedding: vertices welded, degenerate faces dropped, faces turned outwards.
+
+The mesh that is written keeps its own vertices; only its faces are turned where the whole of it is inside out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from muybridge.arrays import FloatArray, IntArray
+
+_WELD = 1e-5  # of the extent: vertices that are nearer are one
+_CLOSED = 0.05  # volume of an island, as a share of its box, below which its orientation says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Repaired:
+    """A welded surface.
+
+    Attributes:
+        vertices: (V, 3) metres.
+        triangles: (F, 3) counter-clockwise seen from outside, island by island.
+        island: (F,) number of the connected part that a face belongs to.
+        source: (N,) the welded vertex of each of the given ones, -1 where no face uses it.
+        inside_out: whether most of the given surface faces inwards.
+        dropped: faces without area.
+    """
+
+    vertices: FloatArray
+    triangles: IntArray
+    island: IntArray
+    source: IntArray
+    inside_out: bool
+    dropped: int
+
+
+def repair(vertices: FloatArray, triangles: IntArray) -> Repaired:
+    """Weld and orient a surface.
+
+    Args:
+        vertices: (N, 3) metres.
+        triangles: (F, 3).
+    """
+    extent = float(np.ptp(vertices, axis=0).max())
+    cells = np.round((vertices - vertices.min(axis=0)) / max(_WELD * extent, 1e-12)).astype(np.int64)
+    key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    _, first, welded = np.unique(key, return_index=True, return_inverse=True)
+    faces = welded.reshape(-1)[triangles]
+    a, b, c = faces.T
+    flat = (a == b) | (b == c) | (a == c)
+    faces, points = faces[~flat], vertices[first]
+    island = _islands(faces, len(points))
+    inwards, total = _facing_inwards(points, faces, island)
+    faces[inwards[island]] = faces[inwards[island]][:, ::-1]
+    return Repaired(points, faces, island, welded.reshape(-1), bool(total < 0), int(flat.sum()))
+
+
+def _islands(faces: IntArray, count: int) -> IntArray:
+    """(F,) the connected part of each face."""
+    if not len(faces):
+        return np.zeros(0, np.int64)
+    rows = np.concatenate([faces[:, 0], faces[:, 1]])
+    columns = np.concatenate([faces[:, 1], faces[:, 2]])
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def _facing_inwards(points: FloatArray, faces: IntArray, island: IntArray) -> tuple[np.ndarray, float]:
+    """(I,) islands that enclose a negative volume, and the volume of all as given."""
+    count = int(island.max(initial=-1)) + 1
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    centre = np.zeros((count, 3))
+    share = np.bincount(island, minlength=count)
+    for k in range(3):
+        centre[:, k] = np.bincount(island, (a + b + c)[:, k] / 3, count) / np.maximum(share, 1)
+    o = centre[island]
+    volume = np.bincount(island, np.einsum("ij,ij->i", a - o, np.cross(b - o, c - o)) / 6, count)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    for corner in (a, b, c):
+        np.minimum.at(low, island, corner)
+        np.maximum.at(high, island, corner)
+    box = np.prod(np.maximum(high - low, 1e-9), axis=1)
+    return volume < -_CLOSED * box, float(volume.sum())

@@ -1,0 +1,169 @@
+"""The command character, run for real on a figure of capsules; weights by the nearest bone stand in."""
+
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from muybridge.errors import MuybridgeError
+from muybridge.infer.commands.motion.character import character
+from muybridge.infer.commands.remedies import error_line
+from muybridge.infer.pipelines.characters.rigging import influences
+from muybridge.motion.character import pose_meshes, read_character
+from muybridge.motion.formats.registry import read_file
+from tests.geometry.roles.bodies import human
+from tests.infer.commands.test_retarget import body_file
+from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, person, together
+
+
+def nearest_bone(vertices, triangles, joints, parents, method="auto"):
+    """(V, J) all of a vertex's weight on the joint above the nearest bone."""
+    bones = [(j, joints[j], joints[k]) for k, j in enumerate(parents) if j >= 0]
+    away = []
+    for _, a, b in bones:
+        t = np.clip((vertices - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
+        away.append(np.linalg.norm(vertices - a - t[:, None] * (b - a), axis=1))
+    out = np.zeros((len(vertices), len(joints)))
+    out[np.arange(len(vertices)), np.array([j for j, _, _ in bones])[np.argmin(away, axis=0)]] = 1.0
+    return out
+
+
+@pytest.fixture(autouse=True)
+def weights(monkeypatch):
+    module = types.ModuleType("muybridge.motion.character.weights")
+    module.skin_weights = nearest_bone
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
+def obj(path, vertices, triangles, scale=1.0):
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices * scale] + [f"f {a} {b} {c}" for a, b, c in triangles + 1]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.fixture(scope="module")
+def hero(tmp_path_factory):
+    return obj(tmp_path_factory.mktemp("mesh") / "hero.obj", *person(40.0)[:2])
+
+
+def test_a_mesh_is_rigged_and_moved(tmp_path, hero, capsys):
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
+    assert character(hero, motion=(take,), out=out, rig="mixamo") == 0
+    back = read_character(out)
+    assert back.clips == ("walk",) and len(back.motion) == 20
+    assert "mixamorig:LeftUpLeg" in back.skeleton.names
+    assert "walk: 20 frames" in capsys.readouterr().out
+    rest, moved = pose_meshes(back, back.rest_motion())[0][0], pose_meshes(back, back.motion)[0]
+    assert np.allclose(np.ptp(rest, axis=0), np.ptp(person(40.0)[0], axis=0), atol=1e-4)
+    assert 0.05 < np.linalg.norm(moved - rest, axis=2).max() < 2.0
+
+
+def test_joints_are_written_corrected_and_applied(tmp_path, hero):
+    toml, out = tmp_path / "joints.toml", tmp_path / "rest.glb"
+    assert character(hero, write_joints=toml) == 0
+    lines = toml.read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("left_shin", "right_shin"))]
+    toml.write_text("\n".join([*kept, "left_shin = [0.2, -0.05, 0.6]"]))
+    assert character(hero, joints=toml, rig_only=True, out=out) == 0
+    back = read_character(out)
+    at = dict(zip(back.skeleton.names, back.skeleton.rest_positions + back.root_at_rest, strict=True))
+    assert np.allclose(at["left_shin"], [0.2, -0.05, 0.6], atol=1e-6)
+    assert np.linalg.norm(at["right_shin"] - person(40.0)[2]["right_shin"]) < 0.04 * HEIGHT
+    assert not back.clips
+
+
+def test_a_whole_file_of_joints_is_taken_as_it_is_of_a_body_that_was_turned(tmp_path):
+    vertices, triangles, _ = person(40.0)
+    path, toml = obj(tmp_path / "back.obj", vertices * [-1, -1, 1], triangles), tmp_path / "joints.toml"
+    outs = [tmp_path / "a.glb", tmp_path / "b.glb"]
+    assert character(path, write_joints=toml, rig_only=True, out=outs[0]) == 0
+    assert character(path, joints=toml, rig_only=True, out=outs[1]) == 0
+    one, two = (read_character(out) for out in outs)
+    assert np.allclose(one.meshes[0].positions, two.meshes[0].positions, atol=1e-6)
+    assert np.allclose(one.skeleton.rest_positions, two.skeleton.rest_positions, atol=2e-4)
+    assert one.skeleton.rest_positions[one.skeleton.index("left_foot"), 0] > 0
+
+
+def test_units_are_guessed_and_heights_set(tmp_path, capsys):
+    vertices, triangles, _ = person(40.0)
+    large = obj(tmp_path / "large.obj", vertices, triangles, 100.0)
+    assert character(large, rig_only=True, out=tmp_path / "a.glb") == 0
+    assert "read as centimetres" in capsys.readouterr().err
+    assert character(large, rig_only=True, out=tmp_path / "b.glb", height=2.0) == 0
+    for name, tall in (("a", float(np.ptp(vertices[:, 2]))), ("b", 2.0)):
+        back = read_character(tmp_path / f"{name}.glb")
+        assert np.ptp(back.meshes[0].positions[:, 2]) == pytest.approx(tall, rel=1e-4)
+
+
+def test_what_a_hand_holds_is_rigid_to_it(tmp_path, capsys):
+    vertices, triangles, joints = person(0.0)
+    hand = joints["left_hand"] + [0.08, 0, 0]
+    sword = capsule(hand + [0, 0.1, 0], hand + [0, -0.9, 0.05], 0.03, 0.02)
+    path = obj(tmp_path / "a.obj", *together([(vertices, triangles), sword]))
+    assert character(path, rig_only=True, out=tmp_path / "a.glb") == 0
+    assert "rigid to left_hand" in capsys.readouterr().err
+    back = read_character(tmp_path / "a.glb")
+    mesh = back.meshes[0]
+    tip = int(np.argmin(mesh.positions[:, 1]))
+    strongest = mesh.joints[tip, np.argmax(mesh.weights[tip])]
+    assert back.skeleton.names[strongest] == "left_hand" and mesh.weights[tip].max() == 1.0
+
+
+def refused(capsys, *args, **options):
+    with pytest.raises(MuybridgeError) as raised:
+        character(*args, **options)
+    line = error_line(raised.value)
+    assert "\n" not in line
+    return line
+
+
+def test_an_animal_is_told_its_template(tmp_path, capsys):
+    path = obj(tmp_path / "dog.obj", *animal())
+    line = refused(capsys, path, rig_only=True, out=tmp_path / "a.glb")
+    assert line.startswith(str(path)) and "give --template quadruped" in line
+    assert character(path, rig_only=True, out=tmp_path / "a.glb", template="quadruped") == 0
+    assert "left_back_shin" in read_character(tmp_path / "a.glb").skeleton.names
+    take = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0)))
+    assert "--rig-only" in refused(capsys, path, motion=(take,), template="quadruped")
+
+
+def test_other_mistakes_are_refused_in_one_line(tmp_path, hero, capsys):
+    out = tmp_path / "a.glb"
+    assert "--rig-only" in refused(capsys, hero)
+    assert ".glb or .vrm" in refused(capsys, hero, rig_only=True, out=tmp_path / "a.fbx")
+    out.write_bytes(b"of another program")
+    assert "give --overwrite" in refused(capsys, hero, rig_only=True, out=out)
+    assert out.read_bytes() == b"of another program"
+    toml = tmp_path / "joints.toml"
+    for text, said in (("[joints]\nknee = [0, 0, 0]", "no joint 'knee'"), ("[joints]\nhips = [0, 1]", "three finite"),
+                       ("[joints]\nhips = [0, 0, 90.0]", "far from the mesh"), ("x = 1", "table [joints]"),
+                       ('template = "x"\n[joints]\nhips = [0, 0, 1]', "unknown template"),
+                       ("placed = [1]\n[joints]\nhips = [0, 0, 1]", "three rows"),
+                       ("not toml", "joints.toml")):  # fmt: skip
+        toml.write_text(text)
+        assert said in refused(capsys, hero, rig_only=True, out=tmp_path / "b.glb", joints=toml)
+    assert not (tmp_path / "b.glb").exists()
+
+
+def test_a_rigged_file_goes_to_retarget(tmp_path, hero, capsys):
+    assert character(hero, rig_only=True, out=tmp_path / "a.glb") == 0
+    line = refused(capsys, tmp_path / "a.glb", rig_only=True, out=tmp_path / "b.glb")
+    assert "muybridge retarget TAKE --to" in line and "a.glb" in line
+
+
+def test_influences_are_the_largest_and_sum_to_one():
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(9), 50)
+    joints, values = influences(weights, 4)
+    assert joints.shape == values.shape == (50, 4)
+    assert np.allclose(values.sum(axis=1), 1.0)
+    assert np.array_equal(joints, np.argsort(-weights, axis=1)[:, :4])
+
+
+def test_a_moved_motion_is_that_of_the_take(tmp_path, hero):
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
+    assert character(hero, motion=(take,), out=out, plant=False, fps=60.0, clip_name="stroll") == 0
+    back = read_character(out, "stroll")
+    assert back.motion.fps == pytest.approx(60.0)
+    assert len(back.motion) == 2 * len(read_file(take).motion) - 1
