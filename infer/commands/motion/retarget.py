@@ -21,7 +21,7 @@ from muybridge.infer.pipelines.characters.retarget import (
     suggest,
     write_placed,
 )
-from muybridge.infer.pipelines.takes import clip_names, takes_of
+from muybridge.infer.pipelines.characters.takes import clip_names, takes_of
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress

@@ -9,12 +9,8 @@ from muybridge.files import replacing
 from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.roles import load_role_map
 from muybridge.infer.commands.remedies import print_error
-<<<<<<< HEAD
-from muybridge.infer.pipelines.retarget import read_take
-from muybridge.infer.pipelines.takes import take_names, takes_of
-=======
-from muybridge.infer.pipelines.characters.retarget import find_takes, read_take
->>>>>>> autorig
+from muybridge.infer.pipelines.characters.retarget import read_take
+from muybridge.infer.pipelines.characters.takes import take_names, takes_of
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress

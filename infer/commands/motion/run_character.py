@@ -5,19 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-<<<<<<< HEAD
-from muybridge.infer.pipelines.retarget import Target, output_paths, read_run_target, retarget_results
-from muybridge.infer.pipelines.takes import person_clip_names
-=======
-from muybridge.infer.pipelines.characters.retarget import (
-    Target,
-    clip_names,
-    find_takes,
-    output_paths,
-    read_run_target,
-    retarget_results,
-)
->>>>>>> autorig
+from muybridge.infer.pipelines.characters.retarget import Target, output_paths, read_run_target, retarget_results
+from muybridge.infer.pipelines.characters.takes import person_clip_names
 from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.viewer import Scene, read_scene

@@ -13,7 +13,7 @@ from muybridge.errors import FormatError, MuybridgeError
 from muybridge.files import replacing
 from muybridge.geometry.roles import RoleMap, find_motion_roles, find_roles, load_role_map, suggest_role_map
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.infer.pipelines.takes import find_takes, person_clip_names, person_of
+from muybridge.infer.pipelines.characters.takes import find_takes, person_clip_names, person_of
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character.character import Character

@@ -9,18 +9,12 @@ import pytest
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles
 from muybridge.infer.commands.app import run_command
-<<<<<<< HEAD
-from muybridge.infer.pipelines.retarget import (
-=======
 from muybridge.infer.pipelines.characters.retarget import (
-    clip_names,
-    find_takes,
->>>>>>> autorig
     output_paths,
     read_run_target,
     retarget_results,
 )
-from muybridge.infer.pipelines.takes import clip_names, find_takes
+from muybridge.infer.pipelines.characters.takes import clip_names, find_takes
 from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character import read_character
 from muybridge.motion.formats.registry import motion_formats, read_file, write_file
