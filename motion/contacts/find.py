@@ -17,7 +17,7 @@ from muybridge.motion.contacts.probability import SHIFT_S, standing_probability
 from muybridge.motion.formats.points.c3d import C3DTake
 
 _PIECE_S = 0.2  # a shorter piece of a contact that was cut is no contact
-_STEP_M = 0.006  # of the heights at which heels and balls rest, in judging contacts: half of how they vary
+_STEP_M = 0.004  # of the heights at which heels and balls rest, in judging contacts: a third of how they vary
 _HIGHEST_M = 0.08  # that heels and balls are over a floor that is known
 
 
