@@ -215,9 +215,11 @@ def _rename(take: Take, profile: str) -> tuple[Take, str]:
     motion = _motion(take)
     roles = _roles(take)
     new = naming.new_names(motion, profile, roles)
-    kept = [name for name in motion.skeleton.names if name not in new]
-    note = f"{counted(len(new), 'joint')} renamed to those of {profile}"
-    note += f"; unknown there, so kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
+    moved = naming.displaced_names(motion.skeleton.names, new)
+    kept = [name for name in motion.skeleton.names if name not in new and name not in moved]
+    note = f"{counted(len(new), 'joint')} named as in {profile}"
+    note += "".join(f"; another joint of the name {old} is now {free}" for old, free in moved.items())
+    note += f"; without a name there, and kept: {', '.join(kept[:8])}{' ...' if len(kept) > 8 else ''}" if kept else ""
     return _edited(take, naming.rename_joints, profile, roles), note
 
 

@@ -22,9 +22,13 @@ from muybridge.motion.editing import (
     trim,
     turn,
 )
+from muybridge.motion.editing.steps import edit_take, parse_steps
 from muybridge.motion.formats.gltf.read import read_gltf
 from muybridge.motion.formats.gltf.write import write_glb
+from muybridge.motion.take import Take
+from tests.geometry.roles.bodies import human
 from tests.motion.editing.clips import CLIPS, FPS, moved_by, points, turned_by, walk
+from tests.motion.retargeting.test_retarget import moving
 
 
 def test_resampling_follows_the_movement() -> None:
@@ -177,3 +181,22 @@ def test_renaming_to_every_profile() -> None:
         pytest.fail("the name of the test is one of humanik")
     names = rename_joints(clash, "vrm").skeleton.names
     assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("spine", [1, 2, 3, 4])
+def test_renaming_again_changes_nothing(spine: int) -> None:
+    rng = np.random.default_rng(spine)
+    for motion in (walk(), moving(human(rng, spine=spine, fingers=2).build(None, 1.0, rng)[0], size=0.1)):
+        for profile in PROFILES:
+            once = rename_joints(motion, profile)
+            assert rename_joints(once, profile).skeleton.names == once.skeleton.names
+
+
+def test_another_joint_of_a_new_name_gets_a_free_one() -> None:
+    motion = walk()
+    names = ("hips", *motion.skeleton.names[1:-2], "root", "root_2")
+    taken = Take(motion=replace(motion, skeleton=replace(motion.skeleton, names=names)))
+    out, (note,) = edit_take(taken, parse_steps(["rename", "asf"]))
+    assert out.motion is not None and out.motion.skeleton.names[0] == "root"
+    assert out.motion.skeleton.names[-2:] == ("root_3", "root_2")
+    assert "another joint of the name root is now root_3" in note
