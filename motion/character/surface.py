@@ -38,6 +38,11 @@ class Surface:
         return vertex_normals(self.points, self.triangles)
 
     @cached_property
+    def size(self) -> float:
+        """Metres, the diagonal of the box around all points."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+
+    @cached_property
     def edges(self) -> IntArray:
         """(E, 2) pairs of neighbours, each once, the smaller point first."""
         return np.asarray(np.unique(np.sort(self.sides, axis=1), axis=0), dtype=np.int64)
@@ -69,6 +74,23 @@ class Surface:
         """(P,) square metres, a third of the triangles around each point."""
         third = np.linalg.norm(_area_vectors(self.points, self.triangles), axis=1) / 6
         return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(self.points))
+
+    def coarser(self, most: int) -> "Surface":
+        """A surface of at most about so many points; its `point_of` (P,) tells where each of this one went.
+
+        Points of one cell of a grid become one where their normals look the same way, so that sheets stay apart.
+        """
+        sides = (self.normals > 0) @ np.array([1, 2, 4])
+        cell = self.size / np.sqrt(most)
+        while True:
+            keys = np.column_stack([np.floor(self.points / cell).astype(np.int64), sides])
+            _, first, place = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+            if len(first) <= most:
+                break
+            cell *= 1.2
+        count, place = np.bincount(place.ravel()), place.ravel()
+        points = np.stack([np.bincount(place, self.points[:, k]) / count for k in range(3)], axis=1)
+        return Surface(points, _proper(place[self.triangles]), place)
 
     def laplacian(self) -> sparse.csc_matrix:
         """(P, P) the cotangent Laplacian, positive semi-definite; row sums are zero.
@@ -111,8 +133,13 @@ def join_vertices(positions: FloatArray, triangles: IntArray, marks: FloatArray 
         keys = np.column_stack([keys, np.round(marks / _SAME_MARK).astype(np.int64)])
     _, first, point_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     joined = point_of.ravel()[triangles].reshape(-1, 3)
-    proper = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
-    return Surface(np.asarray(positions[first], np.float64), joined[proper].astype(np.int64), point_of.ravel())
+    return Surface(np.asarray(positions[first], np.float64), _proper(joined), point_of.ravel())
+
+
+def _proper(triangles: IntArray) -> IntArray:
+    """The triangles with three different corners."""
+    a, b, c = triangles.T
+    return triangles[(a != b) & (b != c) & (c != a)].astype(np.int64)
 
 
 def _area_vectors(points: FloatArray, triangles: IntArray) -> FloatArray:

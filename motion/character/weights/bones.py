@@ -14,6 +14,7 @@ _SAMPLES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a segment, at which it is judged
 _MOST_OUTSIDE = 0.6  # share of a bone outside, from which it moves nothing
 _SKIN = 0.005  # of the size of the mesh: a joint so near to the surface may be in a mouth or a socket
 _SAME_PLACE = 0.06  # of the size of the mesh: a loose chain so near to the main one is a control, not a bone
+_BRANCH = 0.3  # of the way from a joint to one of several children belongs to the joint
 _LEAST_CHAIN = 8  # joints of the main chain; characters of a few rigid parts may have all of them on one root
 
 
@@ -22,24 +23,43 @@ class Bones:
     """The segments of a skeleton that move a mesh.
 
     Attributes:
-        joint: (S,) the joint that a segment turns with, ascending; a joint with several children has several.
+        joint: (S,) the joint that a segment turns with, ascending.
         begin: (S, 3) metres, the joint.
-        end: (S, 3) metres: the child joint, or where a bone without child leaves the mesh.
+        end: (S, 3) metres: the only child; where a bone without child leaves the mesh; of a joint with several children
+            the middle between them, and a part of the way to each.
+        child: (S,) the joint that begins where the segment ends; -1 where none does.
         count: of the skeleton's joints.
     """
 
     joint: IndexArray
     begin: FloatArray
     end: FloatArray
+    child: IndexArray
     count: int
 
-    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(P, S) metres from points (P, 3) to the segments, and (P, S, 3) the nearest places on them."""
-        along = self.end - self.begin
-        length_sq = np.maximum(np.sum(along * along, axis=1), 1e-18)
-        share = np.clip((points @ along.T - np.sum(self.begin * along, axis=1)) / length_sq, 0.0, 1.0)
-        places = self.begin + share[..., None] * along
-        return np.linalg.norm(points[:, None] - places, axis=2), places
+    def along(self, points: FloatArray) -> FloatArray:
+        """(P, S) metres from the beginning of each segment along it to points (P, 3); negative behind it."""
+        way = self._ways()
+        return np.asarray(points @ way.T - np.sum(self.begin * way, axis=1))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """(P, S) metres from points (P, 3) to the segments."""
+        along = self.along(points)
+        reached = np.clip(along, 0.0, np.linalg.norm(self.end - self.begin, axis=1))
+        to_begin_sq = (
+            np.sum(points * points, axis=1)[:, None] - 2 * points @ self.begin.T + np.sum(self.begin**2, axis=1)
+        )
+        return np.asarray(np.sqrt(np.maximum(to_begin_sq + reached * (reached - 2 * along), 0.0)))
+
+    def places(self, points: FloatArray, segments: IndexArray) -> FloatArray:
+        """(P, 3) the nearest place to points (P, 3), each on its own segment (P,)."""
+        begin, way = self.begin[segments], self.end[segments] - self.begin[segments]
+        share = np.sum((points - begin) * way, axis=1) / np.maximum(np.sum(way * way, axis=1), 1e-18)
+        return np.asarray(begin + np.clip(share, 0.0, 1.0)[:, None] * way)
+
+    def _ways(self) -> FloatArray:
+        way = self.end - self.begin
+        return np.asarray(way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12))
 
 
 def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
@@ -60,7 +80,7 @@ def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
     for j, p in enumerate(parents):
         if p >= 0:
             children[p].append(j)
-    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    size = surface.size
     inside = _winding(joints, surface) > _INSIDE
     inside |= np.array([bool(c) for c in children]) & (_distance(joints, surface) < _SKIN * size)
     pairs = np.array([(p, j) for j, p in enumerate(parents) if p >= 0], np.int64).reshape(-1, 2)
@@ -73,12 +93,26 @@ def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
     moves &= ~_controls(joints, parents, kept, moves, surface)
     if not moves.any():
         moves[:] = True
-    segments = [(j, joints[j], joints[k]) for j in range(count) if moves[j] for k in kept[j]]
-    segments += [(j, joints[j], joints[j]) for j in range(count) if moves[j] and not kept[j]]
-    segments.sort(key=lambda s: s[0])
-    bones = Bones(np.array([s[0] for s in segments], np.intp), np.array([s[1] for s in segments]),
-                  np.array([s[2] for s in segments]), count)  # fmt: skip
-    return _extended(bones, surface, joints, parents)
+    return _extended(_segments(joints, kept, np.nonzero(moves)[0]), surface, joints, parents)
+
+
+def _segments(joints: FloatArray, kept: dict[int, list[int]], of: IndexArray) -> Bones:
+    """The segments of some joints; those without child have no length yet.
+
+    The way to a child beside the bone, such as from the chest to a shoulder or from the head to an ear, is no bone of
+    an artist's: only its beginning counts.
+    """
+    rows: list[tuple[int, FloatArray, int]] = []
+    for j in of:
+        ends = [joints[k] for k in kept[j]]
+        if len(ends) < 2:
+            rows.append((j, ends[0] if ends else joints[j], kept[j][0] if ends else -1))
+        else:
+            rows.append((j, np.mean(ends, axis=0), -1))
+            rows += [(j, joints[j] + _BRANCH * (e - joints[j]), -1) for e in ends]
+    joint = np.array([r[0] for r in rows], np.intp)
+    ends_at = np.array([r[1] for r in rows]).reshape(-1, 3)
+    return Bones(joint, joints[joint], ends_at, np.array([r[2] for r in rows], np.intp), len(joints))
 
 
 def _controls(
@@ -91,13 +125,11 @@ def _controls(
             chain[j] = chain[p]
     sizes = np.bincount(chain[moves], minlength=len(joints)) if moves.any() else np.zeros(len(joints), int)
     main = np.nonzero(moves & (chain == sizes.argmax()))[0]
-    segments = [(j, joints[j], joints[k]) for j in main for k in (kept[j] or [j])]
     out = np.zeros(len(joints), bool)
     if len(main) < _LEAST_CHAIN:
         return out
-    bones = Bones(np.array([s[0] for s in segments], np.intp), np.array([s[1] for s in segments]),
-                  np.array([s[2] for s in segments]), len(joints))  # fmt: skip
-    near = bones.nearest(joints)[0].min(axis=1) < _SAME_PLACE * np.linalg.norm(np.ptp(surface.points, axis=0))
+    bones = _segments(joints, kept, main)
+    near = bones.distance(joints).min(axis=1) < _SAME_PLACE * surface.size
     for c in np.unique(chain[moves]):
         own = moves & (chain == c)
         if c != sizes.argmax() and near[own].mean() > 0.5:
@@ -110,8 +142,8 @@ def _extended(bones: Bones, surface: Surface, joints: FloatArray, parents: IntAr
     leaf = np.nonzero((bones.begin == bones.end).all(axis=1))[0]
     if not len(leaf):
         return bones
-    distance, _ = bones.nearest(surface.points)
-    least = distance.min(axis=1) + 1e-6 * float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    distance = bones.distance(surface.points)
+    least = distance.min(axis=1) + 1e-6 * surface.size
     end = bones.end.copy()
     for s in leaf:
         joint = bones.joint[s]
@@ -128,7 +160,7 @@ def _extended(bones: Bones, surface: Surface, joints: FloatArray, parents: IntAr
             along = (own - joints[joint]) @ way
             across = np.linalg.norm(own - joints[joint] - along[:, None] * way, axis=1)
             end[s] = joints[joint] + max(float(along.max()) - float(np.median(across)), 0.0) * way
-    return Bones(bones.joint, bones.begin, end, bones.count)
+    return Bones(bones.joint, bones.begin, end, bones.child, bones.count)
 
 
 def _distance(places: FloatArray, surface: Surface) -> FloatArray:
