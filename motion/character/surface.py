@@ -75,6 +75,18 @@ class Surface:
         third = np.linalg.norm(_area_vectors(self.points, self.triangles), axis=1) / 6
         return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(self.points))
 
+    def outward(self) -> "Surface":
+        """The same with the triangles of inside-out islands turned; whether an island is, its signed volume tells."""
+        t = self.triangles
+        island = self.islands[t[:, 0]]
+        count = np.maximum(np.bincount(self.islands), 1)
+        middle = np.stack([np.bincount(self.islands, self.points[:, k]) / count for k in range(3)], axis=1)
+        a, b, c = (self.points[t[:, k]] - middle[island] for k in range(3))
+        volume = np.bincount(island, np.sum(np.cross(a, b) * c, axis=1), len(count))
+        turned = t.copy()
+        turned[volume[island] < 0] = turned[volume[island] < 0][:, [0, 2, 1]]
+        return Surface(self.points, turned, self.point_of)
+
     def coarser(self, most: int) -> "Surface":
         """A surface of at most about so many points; its `point_of` (P,) tells where each of this one went.
 

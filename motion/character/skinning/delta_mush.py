@@ -3,7 +3,7 @@
 Source: Mancewicz, Derksen, Rijpkema and Wilson, Delta mush: smoothing deformations while preserving detail, 2014.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -13,10 +13,10 @@ from muybridge.geometry.numerics._numba import compiled
 from muybridge.motion.character.skinning.skin import Skin
 from muybridge.motion.character.surface import Surface, join_vertices
 
-# Smoothing goes as far as a limb is wide, however fine the mesh is.
-_REACH = 0.03  # of the size of the mesh
+# Smoothing goes as far as the folds of a joint, however fine the mesh is; farther, limbs lose their volume.
+_REACH = 0.008  # of the size of the mesh
 _MOST_STEPS = 60
-_LEAST_STEPS = 8
+_LEAST_STEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +72,9 @@ def prepare_mush(skin: Skin) -> Mush:
     first = np.zeros(points, np.intp)
     first[surface.point_of[::-1]] = np.arange(len(surface.point_of))[::-1]
     edge = float(np.median(np.linalg.norm(surface.points[a] - surface.points[b], axis=1))) if len(a) else 1.0
-    size = float(np.linalg.norm(np.ptp(surface.points, axis=0))) if points else 1.0
     # A step halfway to the neighbours is diffusion by half of an edge squared over two.
-    steps = int(np.clip(round(2 * (_REACH * size / max(edge, 1e-9)) ** 2), _LEAST_STEPS, _MOST_STEPS))
+    steps = int(np.clip(round(2 * (_REACH * surface.size / max(edge, 1e-9)) ** 2), _LEAST_STEPS, _MOST_STEPS))
     return Mush(surface, first, held, links.indptr.astype(np.int64), links.indices.astype(np.int64), steps)
-
-
-def with_steps(mush: Mush, steps: int) -> Mush:
-    """The same with another number of steps."""
-    return replace(mush, steps=steps)
 
 
 @compiled

@@ -66,7 +66,7 @@ def skin_weights(
 
     Args:
         vertices: (V, 3) metres, at rest.
-        triangles: (F, 3) vertices, counter-clockwise seen from outside.
+        triangles: (F, 3) vertices; pieces that are inside out are turned.
         joints: (J, 3) metres, at rest.
         parents: (J,) of the joints, -1 for a root.
         method: "heat" over the surface from the bones that are seen through the mesh; "voxels", distances through the
@@ -81,7 +81,7 @@ def skin_weights(
     vertices, joints = np.asarray(vertices, np.float64), np.asarray(joints, np.float64)
     triangles, parents = np.asarray(triangles, np.int64), np.asarray(parents, np.int64)
     _check(vertices, triangles, joints, parents, method)
-    surface = join_vertices(vertices, triangles)
+    surface = join_vertices(vertices, triangles).outward()
     coarse = len(surface.points) > _MOST_POINTS
     solved = surface.coarser(_MOST_POINTS) if coarse else surface
     weights = _solve(solved, joints, parents, method, options)

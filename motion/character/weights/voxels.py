@@ -15,7 +15,7 @@ from muybridge.motion.character.weights.bones import Bones
 
 _CELLS = 56  # along the longest side
 _FALLOFF = 0.7  # a of the paper
-_NEAR = 3.0  # times the nearest bone's distance, at which others have no weight any more
+_NEAR = 1.6  # times the nearest bone's distance, at which others have no weight any more
 _SIDES = [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) > (0, 0, 0)]
 
 
