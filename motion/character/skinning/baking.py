@@ -63,8 +63,8 @@ def bake(skinner: Skinner, mesh: int, frames: FloatArray, options: BakeOptions |
     """Bake one mesh over a take.
 
     Targets are the residuals of key frames. The first is the frame of the largest residual; each further one that of
-    the largest error left, until the tolerance or the number of targets is reached. The weights of the targets are least
-    squares in every frame, so that a target also serves the frames that are like its own.
+    the largest error left, until the tolerance or the number of targets is reached. The weights of the targets are
+    least squares in every frame, so that a target also serves the frames that are like its own.
 
     Args:
         skinner: of the character, with any method.

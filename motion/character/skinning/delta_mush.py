@@ -140,5 +140,7 @@ def _apply(blended, first, point_of, triangles, starts, neighbours, held, steps,
             if not held[p]:
                 for c in range(3):
                     blended[t, v, c] = points[p, c] + (
-                        frames[p, c, 0] * details[p, 0] + frames[p, c, 1] * details[p, 1] + frames[p, c, 2] * details[p, 2]
+                        frames[p, c, 0] * details[p, 0]
+                        + frames[p, c, 1] * details[p, 1]
+                        + frames[p, c, 2] * details[p, 2]
                     )

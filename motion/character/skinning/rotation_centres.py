@@ -34,10 +34,13 @@ def rotation_centres(skins: Sequence[Skin]) -> list[FloatArray]:
     corners = shape[triangles]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     middle = corners.mean(axis=1)
-    of_triangle = sparse.csr_matrix(
-        (np.full(triangles.size, 1 / 3), (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())),
-        shape=(len(triangles), len(shape)),
-    ) @ weights
+    of_triangle = (
+        sparse.csr_matrix(
+            (np.full(triangles.size, 1 / 3), (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())),
+            shape=(len(triangles), len(shape)),
+        )
+        @ weights
+    )
     total, amount = np.zeros_like(shape), np.zeros(len(shape))
     by_vertex, by_triangle = _columns(weights.tocsc()), _columns(of_triangle.tocsc())
     both = (of_triangle.astype(bool).astype(np.float64).T @ of_triangle.astype(bool).astype(np.float64)).tocoo()

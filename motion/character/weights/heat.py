@@ -1,7 +1,7 @@
 """Weights by heat: every bone warms the surface nearest to it, and the warmth spreads over the surface.
 
-Source: Baran and Popovic, Automatic rigging and animation of 3D characters, 2007, section 4: (H - L) w = H p, where p is
-one for the bone that a vertex belongs to, L the Laplacian of the surface, and H = c / d^2 with d the distance.
+Source: Baran and Popovic, Automatic rigging and animation of 3D characters, 2007, section 4: (H - L) w = H p, where p
+is one for the bone that a vertex belongs to, L the Laplacian of the surface, and H = c / d^2 with d the distance.
 """
 
 import numpy as np

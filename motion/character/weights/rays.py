@@ -46,7 +46,7 @@ class RayGrid:
         )  # fmt: skip
 
     def exits(self, begin: FloatArray, end: FloatArray) -> FloatArray:
-        """(N,) share of the ways from begin to end (N, 3) at which they first leave a solid; inf where they never do."""
+        """(N,) share of the ways from begin to end (N, 3) where they first leave a solid; inf where they do not."""
         return np.asarray(
             _trace(np.ascontiguousarray(begin), np.ascontiguousarray(end), self.corners, self.starts, self.members,
                    self.low, self.cell, self.counts, True)[1]

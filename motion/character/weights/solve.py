@@ -107,9 +107,7 @@ def _check(vertices: FloatArray, triangles: IntArray, joints: FloatArray, parent
         raise ValueError("a joint's parent must be another joint, or -1 for a root")
 
 
-def _solve(
-    surface: Surface, joints: FloatArray, parents: IntArray, method: str, options: WeightOptions
-) -> FloatArray:
+def _solve(surface: Surface, joints: FloatArray, parents: IntArray, method: str, options: WeightOptions) -> FloatArray:
     """(P, J) weights before pruning."""
     bones = bones_in(surface, joints, parents)
     if method == "auto":

@@ -58,7 +58,9 @@ def _solid(surface: Surface, low: FloatArray, cell: float) -> BoolArray:
     for n in np.unique(steps):
         u, v = np.array([(i, j) for i in range(n + 1) for j in range(n + 1 - i)]).T / n
         some = corners[steps == n]
-        samples = some[:, None, 0] * (1 - u - v)[:, None] + some[:, None, 1] * u[:, None] + some[:, None, 2] * v[:, None]
+        samples = (
+            some[:, None, 0] * (1 - u - v)[:, None] + some[:, None, 1] * u[:, None] + some[:, None, 2] * v[:, None]
+        )
         shell[tuple(np.round((samples.reshape(-1, 3) - low) / cell + 1.0).astype(int).T)] = True
     shell[tuple(np.round((surface.points - low) / cell + 1.0).astype(int).T)] = True
     parts, _ = ndimage.label(~shell)

@@ -42,13 +42,15 @@ class Bend:
     Attributes:
         shares: of the angle, by bone.
         axis: (3,) in the world at rest.
-        angles_deg: steps, the first zero.
+        rest_deg: of the joint at rest, as anatomy counts: zero for a straight or a hanging limb.
+        angles_deg: steps, the first of them the rest.
         joint: the bone that begins at the joint.
         bones: joints whose segments are the middle of the limb.
     """
 
     shares: dict[str, float]
     axis: FloatArray
+    rest_deg: float
     angles_deg: tuple[float, ...]
     joint: str
     bones: tuple[tuple[str, str], ...]
@@ -85,19 +87,29 @@ def bends_of(body: Body) -> dict[str, Bend]:
     at = {name: body.joints[i] for i, name in enumerate(body.skeleton.names)}
     arm = at["lowerarm01.L"] - at["upperarm01.L"]
     forearm = at["wrist.L"] - at["lowerarm01.L"]
-    hinge = np.cross(arm, forearm)
-    steps = tuple(range(0, 151, 15))
+    thigh, shin = at["lowerleg01.L"] - at["upperleg01.L"], at["foot.L"] - at["lowerleg01.L"]
+    side, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
     raised = {"clavicle.L": 0.12, "shoulder01.L": 0.10, "upperarm01.L": 0.78}
+    steps = tuple(float(a) for a in range(0, 151, 15))
+
+    def from_rest(deg: float) -> tuple[float, tuple[float, ...]]:
+        return deg, (deg, *steps)
+
     return {
-        "elbow": Bend({"lowerarm01.L": 1.0}, hinge, steps, "lowerarm01.L",
+        "elbow": Bend({"lowerarm01.L": 1.0}, np.cross(arm, forearm), *from_rest(_between(arm, forearm)), "lowerarm01.L",
                       (("upperarm01.L", "lowerarm01.L"), ("lowerarm01.L", "wrist.L"))),
-        "knee": Bend({"lowerleg01.L": 1.0}, np.array([1.0, 0, 0]), steps, "lowerleg01.L",
+        "knee": Bend({"lowerleg01.L": 1.0}, side, *from_rest(_between(thigh, shin)), "lowerleg01.L",
                      (("upperleg01.L", "lowerleg01.L"), ("lowerleg01.L", "foot.L"))),
-        "shoulder": Bend(raised, np.array([0.0, -1.0, 0]), steps, "upperarm01.L",
+        "shoulder": Bend(raised, np.array([0.0, -1.0, 0]), *from_rest(_between(down, arm * [1, 0, 1])), "upperarm01.L",
                          (("clavicle.L", "upperarm01.L"), ("upperarm01.L", "lowerarm01.L"))),
-        "forearm twist": Bend({"lowerarm02.L": 1.0}, forearm, tuple(range(0, 181, 20)), "lowerarm02.L",
-                              (("lowerarm01.L", "wrist.L"),)),
+        "forearm twist": Bend({"lowerarm02.L": 1.0}, forearm, 0.0, tuple(float(a) for a in range(0, 181, 20)),
+                              "lowerarm02.L", (("lowerarm01.L", "wrist.L"),)),
     }  # fmt: skip
+
+
+def _between(a: FloatArray, b: FloatArray) -> float:
+    """Degrees between two vectors."""
+    return float(np.degrees(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
 
 
 def bent_frames(body: Body, bend: Bend) -> FloatArray:
@@ -106,7 +118,7 @@ def bent_frames(body: Body, bend: Bend) -> FloatArray:
     turns = np.tile(np.eye(3), (len(bend.angles_deg), len(skeleton), 1, 1))
     for bone, share in bend.shares.items():
         turns[:, skeleton.index(bone)] = Rotation.from_rotvec(
-            np.radians(share * np.array(bend.angles_deg))[:, None] * axis
+            np.radians(share * (np.array(bend.angles_deg) - bend.rest_deg))[:, None] * axis
         ).as_matrix()
     root = np.tile(body.joints[0], (len(turns), 1))
     return Motion(skeleton, 30.0, root, quat_from_matrix(turns)).forward()

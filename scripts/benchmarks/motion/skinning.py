@@ -2,9 +2,10 @@
 
     python -m scripts.benchmarks.motion.skinning
 
-Needs the extra `train`. Volume is that of the limb from the middle of one bone to the middle of the next, over its volume
-at rest, the least of all steps. Bulge is how far the vertices that both bones move reach from the bones (98 % of them are
-nearer), over that at rest, the most of all steps. Crossings are pairs of triangles in the region, the most of all steps.
+Needs the extra `train`. Volume is that of the limb from the middle of one bone to the middle of the next, over its
+volume at rest, the least of all steps. Bulge is how far the vertices that both bones move reach from the bones (98 % of
+them are nearer), over that at rest, the most of all steps. Crossings are pairs of triangles of the region, the most of
+all steps.
 """
 
 from __future__ import annotations

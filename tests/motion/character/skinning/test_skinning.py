@@ -40,7 +40,9 @@ def test_linear_is_the_sum_it_says() -> None:
     weights[rng.random((count, 9)) < 0.4] = 0
     weights[:, 0] += 0.1
     bind = skin.bind + np.pad(rng.normal(0, 0.2, (5, 3, 4)), ((0, 0), (0, 1), (0, 0)))
-    skin = replace(skin, joints=rng.integers(0, 5, (count, 9)), weights=weights / weights.sum(1, keepdims=True), bind=bind)
+    skin = replace(
+        skin, joints=rng.integers(0, 5, (count, 9)), weights=weights / weights.sum(1, keepdims=True), bind=bind
+    )
     frames = np.tile(np.eye(4), (150, 5, 1, 1))
     frames[..., :3, :3] = Rotation.random(750, rng=2).as_matrix().reshape(150, 5, 3, 3)
     frames[..., :3, 3] = rng.normal(size=(150, 5, 3))

@@ -20,7 +20,7 @@ def tube(rings: int = 41, around: int = 16, length: float = 2.0, radius: float =
     ends = [np.stack([back, ring, np.full(around, first)], -1),
             np.stack([ring + first - around, back + first - around, np.full(around, last)], -1)]  # fmt: skip
     triangles = np.concatenate([s.reshape(-1, 3) for s in sides] + ends)
-    return np.concatenate([points, [[0, 0, 0], [length, 0, 0]]]), triangles[:, [0, 2, 1]]
+    return np.concatenate([points, [[0, 0, 0], [length, 0, 0]]]), triangles
 
 
 def hinged_tube(width: float = 0.4) -> Skin:

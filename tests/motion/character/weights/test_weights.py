@@ -42,7 +42,7 @@ def test_tube_follows_its_bones(method: str) -> None:
 @pytest.mark.parametrize("method", ["heat", "voxels"])
 def test_other_leg_is_not_moved(method: str) -> None:
     left, right = tube(), tube()
-    mesh = joined((left[0] + [0, 0.23, 0], left[1]), (right[0] - [0, 0.23, 0], right[1]), sphere((-0.2, 0, 0), 0.5))
+    mesh = joined((left[0] + [0, 0.3, 0], left[1]), (right[0] - [0, 0.3, 0], right[1]), sphere((-0.2, 0, 0), 0.5))
     joints = np.array([[-0.3, 0, 0], [0.1, 0.3, 0], [1.0, 0.3, 0], [0.1, -0.3, 0], [1.0, -0.3, 0]])
     weights = skin_weights(*mesh, joints, np.array([-1, 0, 1, 0, 3]), method)
     far = mesh[0][:, 0] > 0.8
