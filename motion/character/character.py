@@ -5,14 +5,17 @@ Everything is in the world: metres, Z up. The file itself stays the source: writ
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IntArray
+from muybridge.arrays import Float32Array, FloatArray, IntArray
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.character.posing import pose_meshes, skin_of
+from muybridge.motion.character.skinning.methods import Skinner
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +114,31 @@ class Character:
     humanoid: Mapping[str, int] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
     source: Any = None
+
+    def pose(
+        self, motion: Motion, method: str = "linear", morph_weights: Mapping[str, float] | None = None
+    ) -> list[Float32Array]:
+        """(T, V, 3) metres in the world of each mesh.
+
+        Args:
+            motion: of the skeleton, whichever joints slide.
+            method: of skinning, a name of `muybridge.motion.character.METHODS`.
+            morph_weights: by the morphs' names; others are as in the file.
+
+        Raises:
+            ValueError: no such method; the message lists those there are.
+        """
+        return pose_meshes(self, motion, morph_weights, method)
+
+    def skinner(self, method: str = "linear") -> Skinner:
+        """The meshes prepared for a method, once for each."""
+        if method not in self._skinners:
+            self._skinners[method] = Skinner([skin_of(mesh) for mesh in self.meshes], method)
+        return self._skinners[method]
+
+    @cached_property
+    def _skinners(self) -> dict[str, Skinner]:
+        return {}
 
     @property
     def attachments(self) -> tuple[Mesh, ...]:

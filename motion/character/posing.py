@@ -1,43 +1,54 @@
-"""Meshes posed by linear blending.
+"""The meshes of a character in a pose: the methods of `muybridge.motion.character.skinning` on its meshes."""
 
-Source: Magnenat-Thalmann, Laperrière and Thalmann, Joint-dependent local deformations, Graphics Interface 1988.
-"""
+from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-import numpy as np
+from muybridge.arrays import Float32Array, FloatArray
+from muybridge.motion.character.skinning.methods import Skinner
+from muybridge.motion.character.skinning.skin import Skin
 
-from muybridge.arrays import FloatArray
-from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.character.character import Character, Mesh
+if TYPE_CHECKING:
+    from muybridge.geometry.skeleton.motion import Motion
+    from muybridge.motion.character.character import Character, Mesh
 
 
 def pose_meshes(
-    character: Character, motion: Motion, morph_weights: Mapping[str, float] | None = None
-) -> list[FloatArray]:
+    character: Character, motion: Motion, morph_weights: Mapping[str, float] | None = None, method: str = "linear"
+) -> list[Float32Array]:
     """(T, V, 3) metres in the world of each of a character's meshes.
 
     Args:
-        character: any.
+        character: any; what a method prepares is kept with it.
         motion: of its skeleton, whichever joints slide.
         morph_weights: by the morphs' names; others are as in the file.
+        method: of skinning, a name of `METHODS`.
+
+    Raises:
+        ValueError: no such method.
     """
-    frames = motion.forward()
-    return [pose_mesh(mesh, frames, morph_weights) for mesh in character.meshes]
+    shapes = [shape_of(mesh, morph_weights) for mesh in character.meshes]
+    return character.skinner(method).pose(motion.forward(), shapes)
 
 
-def pose_mesh(mesh: Mesh, frames: FloatArray, morph_weights: Mapping[str, float] | None = None) -> FloatArray:
+def pose_mesh(
+    mesh: Mesh, frames: FloatArray, morph_weights: Mapping[str, float] | None = None, method: str = "linear"
+) -> Float32Array:
     """(T, V, 3) metres in the world of one mesh; `frames` (T, J, 4, 4) as `Motion.forward` gives them."""
+    return Skinner([skin_of(mesh)], method).pose(frames, [shape_of(mesh, morph_weights)])[0]
+
+
+def skin_of(mesh: Mesh) -> Skin:
+    """A mesh as the skinning methods take it, without morphs."""
+    return Skin(mesh.positions, mesh.triangles, mesh.joints, mesh.weights, mesh.bind)
+
+
+def shape_of(mesh: Mesh, morph_weights: Mapping[str, float] | None = None) -> FloatArray:
+    """(V, 3) metres, the mesh at rest with morphs; those without a weight here are as in the file."""
     shape = mesh.positions.copy()
     for morph, usual in zip(mesh.morphs, mesh.morph_weights, strict=True):
         weight = (morph_weights or {}).get(morph.name, usual)
         if weight:
             shape += weight * morph.offsets
-    out = np.zeros((len(frames), *shape.shape))
-    for t, frame in enumerate(frames):
-        maps = frame @ mesh.bind
-        for k in range(mesh.joints.shape[1]):
-            of_vertex = maps[mesh.joints[:, k]]
-            moved = (of_vertex[:, :3, :3] @ shape[..., None])[..., 0] + of_vertex[:, :3, 3]
-            out[t] += mesh.weights[:, k, None] * moved
-    return out
+    return shape

@@ -1,0 +1,5 @@
+"""Weights: which joints move each vertex of a mesh, and how much."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

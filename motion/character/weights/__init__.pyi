@@ -1,0 +1,9 @@
+from .solve import WEIGHT_METHODS as WEIGHT_METHODS
+from .solve import WeightOptions as WeightOptions
+from .solve import skin_weights as skin_weights
+
+__all__ = [
+    "WEIGHT_METHODS",
+    "WeightOptions",
+    "skin_weights",
+]
