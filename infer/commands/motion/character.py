@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.pipelines.characters.retarget import find_takes, measures
+from muybridge.infer.pipelines.characters.retarget import measures
 from muybridge.infer.pipelines.characters.rigging import (
     Rigged,
     check_character_output,
@@ -16,6 +16,7 @@ from muybridge.infer.pipelines.characters.rigging import (
     rig_file,
     write_rigged,
 )
+from muybridge.infer.pipelines.characters.takes import Takes, find_takes
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
@@ -74,7 +75,8 @@ def character(
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
-    takes = find_takes(motion) if not rig_only else []
+    found_takes = Takes(()) if rig_only or not motion else find_takes(motion)
+    takes = found_takes.files
     if takes and template == "quadruped":
         raise MuybridgeError(f"{takes[0]}: takes of people cannot be put onto a quadruped; give --rig-only")
     writes = [*([out] if takes or rig_only else []), *([write_joints] if write_joints is not None else [])]
@@ -83,7 +85,7 @@ def character(
         with progress.task(f"finding the joints of {mesh.name}", 1) as task:
             found = rig_file(mesh, RigOptions(template, rig, turn), joints, height)
             task.advance()
-        for notice in found.notices:
+        for notice in (*found_takes.notices, *found.notices):
             progress.notice(notice)
         if write_joints is not None:
             write_joints_file(write_joints, mesh, found.rig)

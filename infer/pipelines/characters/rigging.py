@@ -11,7 +11,8 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import FormatError, MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
-from muybridge.infer.pipelines.characters.retarget import Placed, Target, clip_names, place, write_placed
+from muybridge.infer.pipelines.characters.retarget import Placed, Target, place, write_placed
+from muybridge.infer.pipelines.characters.takes import clip_names
 from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
@@ -19,12 +20,13 @@ from muybridge.motion.character.read import read_character
 from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
 from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
 from muybridge.motion.character.rigging.templates import TEMPLATES
+from muybridge.motion.character.weights import skin_weights
 from muybridge.motion.retargeting.solver import RetargetOptions
 
 OUTPUTS = (".glb", ".vrm")
 INFLUENCES = 4
 # (V, 3) metres, (F, 3), (J, 3) metres, (J,) -> (V, J), dense or sparse.
-Weigh = Callable[[FloatArray, IntArray, FloatArray, Sequence[int]], Any]
+Weigh = Callable[[FloatArray, IntArray, FloatArray, IntArray], Any]
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.25, 4.0  # metres between which a file without a unit is taken to be in metres
 
 
@@ -121,12 +123,9 @@ def write_rigged(rigged: Rigged, path: Path, weigh: Weigh | None = None) -> None
     Raises:
         OutputError: the file cannot be written.
     """
-    if weigh is None:
-        from muybridge.motion.character.weights import skin_weights
-
-        weigh = skin_weights
+    weigh = skin_weights if weigh is None else weigh
     rig, mesh = rigged.rig, rigged.mesh
-    joints, weights = influences(weigh(mesh.vertices, mesh.triangles, rig.joints, rig.parents))
+    joints, weights = influences(weigh(mesh.vertices, mesh.triangles, rig.joints, np.asarray(rig.parents, np.int64)))
     if len(rig.held):
         carried = rig.held >= 0
         joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]

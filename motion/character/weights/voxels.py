@@ -75,7 +75,7 @@ def _along(bones: Bones, joint: int, low: FloatArray, cell: float, tree: cKDTree
         places.append(bones.begin[s] + np.linspace(0, 1, steps + 1)[:, None] * (bones.end[s] - bones.begin[s]))
     gap, at = tree.query((np.concatenate(places) - low) / cell + 1.0)
     near = gap < 1.0
-    return np.unique(at[near if near.any() else np.argmin(gap)[None]])
+    return np.unique(at[near if near.any() else np.array([np.argmin(gap)])])
 
 
 def _graph(number: IntArray, cell: float, seeds: list[IntArray], count: int) -> sparse.csr_matrix:
