@@ -73,7 +73,7 @@ class Surface:
     def areas(self) -> FloatArray:
         """(P,) square metres, a third of the triangles around each point."""
         third = np.linalg.norm(_area_vectors(self.points, self.triangles), axis=1) / 6
-        return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(self.points))
+        return np.asarray(np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(self.points)), np.float64)
 
     def outward(self) -> "Surface":
         """The same with the triangles of inside-out islands turned; whether an island is, its signed volume tells."""
@@ -151,7 +151,7 @@ def join_vertices(positions: FloatArray, triangles: IntArray, marks: FloatArray 
 def _proper(triangles: IntArray) -> IntArray:
     """The triangles with three different corners."""
     a, b, c = triangles.T
-    return triangles[(a != b) & (b != c) & (c != a)].astype(np.int64)
+    return np.asarray(triangles[(a != b) & (b != c) & (c != a)], np.int64)
 
 
 def _area_vectors(points: FloatArray, triangles: IntArray) -> FloatArray:
