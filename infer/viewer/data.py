@@ -15,6 +15,7 @@ from muybridge.geometry.roles import find_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.viewer.packing import encode, pack_places, pack_units
 from muybridge.motion.character import Character, Mesh, pose_meshes, read_character
+from muybridge.motion.character.surface import vertex_normals
 from muybridge.motion.contacts.feet import feet_of_motion, feet_of_points
 from muybridge.motion.contacts.find import find_contacts
 from muybridge.motion.formats.registry import ReadOptions, read_file
@@ -123,7 +124,7 @@ def pack_mesh(mesh: Mesh) -> dict[str, Any]:
         positions = positions + weight * morph.offsets
     joints, weights = _heaviest(mesh.joints, mesh.weights)
     used, numbers = np.unique(joints, return_inverse=True)
-    normals = mesh.normals if mesh.normals is not None else _normals(positions, mesh.triangles)
+    normals = mesh.normals if mesh.normals is not None else vertex_normals(positions, mesh.triangles)
     packed = {
         "name": mesh.name,
         "count": len(positions),
@@ -160,16 +161,6 @@ def _heaviest(joints: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArr
     weights = np.pad(weights, ((0, 0), (0, short)))
     joints = np.where(weights > 0, np.pad(joints, ((0, 0), (0, short))), joints[:, :1])
     return joints, weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
-
-
-def _normals(positions: FloatArray, triangles: IntArray) -> FloatArray:
-    """(V, 3) unit normals, from the triangles around each vertex by their area."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    out = np.zeros_like(positions)
-    for k in range(3):
-        np.add.at(out, triangles[:, k], area)
-    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12))
 
 
 def _materials(character: Character) -> list[dict[str, Any]]:

@@ -80,10 +80,7 @@ def retarget(
     if clip_name is not None and not clip_name.strip():
         raise MuybridgeError("--clip-name is empty; leave it out for the name of the take's file")
     if is_robot(to):
-        if clip_name is not None or not plant:
-            raise MuybridgeError(
-                "a robot's motion has no clips, and its feet are always planted; leave out --clip-name and --no-plant"
-            )
+        _refuse_of_robots(clip_name, plant)
         return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
     target = read_target(to, map)
     progress = Progress()
@@ -120,6 +117,14 @@ def retarget(
         print("\n".join(str(path) for path in paths))
     tried.report_failures("takes")
     return tried.exit_code
+
+
+def _refuse_of_robots(clip_name: str | None, plant: bool) -> None:
+    """MuybridgeError for options that only characters have."""
+    if clip_name is not None or not plant:
+        raise MuybridgeError(
+            "a robot's motion has no clips, and its feet are always planted; leave out --clip-name and --no-plant"
+        )
 
 
 def _suggest(target: Target, path: Path, overwrite: bool) -> int:

@@ -74,8 +74,8 @@ def _along(bones: Bones, joint: int, low: FloatArray, cell: float, tree: cKDTree
         steps = max(int(np.ceil(2 * np.linalg.norm(bones.end[s] - bones.begin[s]) / cell)), 1)
         places.append(bones.begin[s] + np.linspace(0, 1, steps + 1)[:, None] * (bones.end[s] - bones.begin[s]))
     gap, at = tree.query((np.concatenate(places) - low) / cell + 1.0)
-    near = gap < 1.0
-    return np.unique(at[near if near.any() else np.array([np.argmin(gap)])])
+    near = gap < max(1.0, float(gap.min()) + 1e-9)
+    return np.unique(np.asarray(at, np.int64)[near])
 
 
 def _graph(number: IntArray, cell: float, seeds: list[IntArray], count: int) -> sparse.csr_matrix:
