@@ -39,6 +39,8 @@ REMEDIES: dict[str, str] = {
     "network_of_landmarks": "leave network out",
     "no_calibration": "or pass the path of one; muybridge.infer.pipelines.calibration makes one",
     "no_model_card": "leave model_card out",
+    "no_human_body": "edits that need no human body work on it: all of muybridge.motion.editing but plant_feet and "
+    "rename_joints",
     "npz_limit": "pass a larger `limit`, in bytes, if you trust the file",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",
@@ -61,6 +63,7 @@ REMEDIES: dict[str, str] = {
     "split_joint": "replace the joint by several hinges, one an axis",
     "still_moment": "name the image in which it does as moment",
     "sync_by_images": 'pass methods=("epipolar", "motion")',
+    "take_map": "pass a map of roles of the take; `muybridge.geometry.roles.suggest_role_map` makes one to start from",
     "third_party_model": (
         "for a third-party keypoint network pass its model card; otherwise pass a model that muybridge exported, "
         "or none to use the shipped one"

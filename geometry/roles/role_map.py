@@ -39,16 +39,30 @@ class RoleMap:
     notes: tuple[str, ...] = ()
 
     @property
+    def source(self) -> str:
+        """How the roles were found, to be put behind "by"."""
+        if self.how.startswith("names:"):
+            profile = self.how.removeprefix("names:")
+            return "the words in the names" if profile == "words" else f"names, which are those of {profile}"
+        return {"map": "the map", "vrm": "the file's own table"}.get(self.how, self.how)
+
+    @property
+    def body(self) -> str:
+        """What the skeleton is of where it is of no human body, to be put behind "the skeleton"; else empty."""
+        return "" if self.kind == "human" else _KINDS[self.kind]
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """The core roles that no joint has."""
         return tuple(role for role in CORE_ROLES if role not in self.roles)
 
-    def require(self, what: str, needed: tuple[str, ...] = CORE_ROLES) -> None:
+    def require(self, what: str, needed: tuple[str, ...] = CORE_ROLES, remedy: str = "role_map") -> None:
         """Check that roles are there.
 
         Args:
             what: whose skeleton it is, which a message begins with.
             needed: roles.
+            remedy: key of `muybridge.remedies` for roles that a user's map can give.
 
         Raises:
             MuybridgeError: some are missing.
@@ -58,10 +72,12 @@ class RoleMap:
             return
         if self.kind == "one piece" and self.how != "map":
             of_parts = f" ({'; '.join(self.notes)})" if self.notes else ""
-            raise MuybridgeError(f"{what}: the skeleton {_KINDS[self.kind]}{of_parts}")
+            raise MuybridgeError(f"{what}: the skeleton {self.body}{of_parts}")
+        if self.kind == "quadruped" and self.how != "map":
+            raise MuybridgeError(f"{what}: the skeleton {self.body}", remedy="no_human_body")
         if self.kind != "human" and self.how != "map":
-            raise MuybridgeError(f"{what}: the skeleton {_KINDS[self.kind]}", remedy="role_map")
-        raise MuybridgeError(f"{what}: no joint was found for {', '.join(missing)}", remedy="role_map")
+            raise MuybridgeError(f"{what}: the skeleton {self.body}", remedy=remedy)
+        raise MuybridgeError(f"{what}: no joint was found for {', '.join(missing)}", remedy=remedy)
 
 
 def load_role_map(path: Path) -> dict[str, str]:

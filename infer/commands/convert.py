@@ -8,7 +8,8 @@ import tyro
 from muybridge.infer.pipelines.convert import Filter, FilterChoice, filter_take, read_files, written_files
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
-from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
+from muybridge.infer.runtime.reading import read_for_command
+from muybridge.motion.formats.registry import ReadOptions, check_writable, write_file
 from muybridge.wording import counted
 
 Units = Literal["m", "dm", "cm", "mm", "in", "cmu"]
@@ -56,7 +57,7 @@ def convert(
     """
     check_writable(target)
     check_replaceable(written_files(target), overwrite, read_files(source, asf))
-    take = read_file(source, ReadOptions(units, up, fps, asf, clip))
+    take = read_for_command(source, ReadOptions(units, up, fps, asf, clip))
     take, notes = filter_take(take, FilterChoice(fill_gaps, smooth, cutoff))
     progress = Progress()
     for notice in (*take.notices, *notes):

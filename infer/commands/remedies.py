@@ -47,6 +47,7 @@ COMMAND_REMEDIES: dict[str, str] = {
         "points POINTS.csv --videos {session}/videos --out {session}/calibration.toml`"
     ),
     "no_model_card": "leave out --model-card",
+    "no_human_body": "it can be viewed and converted, and edited with all steps but `plant` and `rename`",
     "npz_limit": "save what is needed of it in smaller files, or read it in Python with a larger `limit`",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
@@ -69,6 +70,8 @@ COMMAND_REMEDIES: dict[str, str] = {
     "split_joint": "replace the joint by several hinges, one an axis",
     "still_moment": "name the image in which it does with --moment",
     "sync_by_images": "give --methods epipolar motion",
+    "take_map": "name its joints in a file with --take-map; `muybridge retarget --to TAKE --suggest` writes one to "
+    "start from",
     "third_party_model": (
         "for a third-party keypoint network name its card with --model-card; otherwise name a model that muybridge "
         "exported, or leave the option out to use the shipped one"

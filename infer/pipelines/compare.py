@@ -12,7 +12,8 @@ from muybridge.files import replacing
 from muybridge.geometry.numerics.rotations import kabsch
 from muybridge.geometry.skeleton.aliases import map_body, map_surface, of_one_subject, one_of_several
 from muybridge.geometry.skeleton.profiles import roles_of
-from muybridge.motion.formats.registry import ReadOptions, can_use, read_file
+from muybridge.infer.runtime.reading import read_for_command
+from muybridge.motion.formats.registry import ReadOptions, can_use
 
 Align = Literal["none", "root", "rigid", "similarity"]
 
@@ -82,7 +83,7 @@ def compare_files(
     Raises:
         MuybridgeError: a file cannot be read, or they have nothing in common.
     """
-    first, second = (read_file(path, options.of(k, paths)) for k, path in enumerate(paths))
+    first, second = (read_for_command(path, options.of(k, paths)) for k, path in enumerate(paths))
     found = compare_points(first.positions, second.positions, align, shift, (paths[0].name, paths[1].name))
     late = second.start - first.start
     if abs(late) <= 0.5 / max(first.fps, second.fps):

@@ -1,5 +1,7 @@
 """Find the videos of a session folder."""
 
+import contextlib
+import json
 from collections import Counter
 from pathlib import Path
 
@@ -44,7 +46,9 @@ def find_videos(path: Path) -> tuple[list[Path], list[str]]:
         what = "is a file" if path.exists() else "does not exist"
         raise SessionError(f"{path} {what}; {layout}")
     if is_results(path):
-        raise SessionError(f"{path} is a results folder; name the session's folder, such as {path.parent}")
+        session = session_of_results(path)
+        which = f", {session}" if session is not None else ", which has the folder `videos`"
+        raise SessionError(f"{path} is a results folder; name the session's folder{which}")
     folder = video_folder(path)
     if folder == path and not any(p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES for p in path.iterdir()):
         hint = _images_hint(next((f for f in (path / name for name in IMAGE_FOLDERS) if f.is_dir()), path))
@@ -90,6 +94,16 @@ def _in_order(folder: Path) -> str:
 def is_results(path: Path) -> bool:
     """Whether a folder has results of muybridge."""
     return path.joinpath(*MANIFEST_PLACE).is_file()
+
+
+def session_of_results(path: Path) -> Path | None:
+    """The session that a results folder belongs to: the folder it is in, or the one it says; None where neither is."""
+    above = path.resolve().parent
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        said = json.loads(path.joinpath(*MANIFEST_PLACE).read_text(encoding="utf-8")).get("of")
+        if isinstance(said, str) and said and Path(said).is_dir():
+            return Path(said)
+    return above if any((above / name).is_dir() for name in VIDEO_FOLDERS) else None
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -13,12 +13,13 @@ from muybridge.errors import FormatError, MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.roles import find_roles
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer.runtime.reading import read_for_command
 from muybridge.infer.viewer.packing import encode, pack_places, pack_units
 from muybridge.motion.character import Character, Mesh, pose_meshes, read_character
 from muybridge.motion.character.surface import vertex_normals
 from muybridge.motion.contacts.feet import feet_of_motion, feet_of_points
 from muybridge.motion.contacts.find import find_contacts
-from muybridge.motion.formats.registry import ReadOptions, read_file
+from muybridge.motion.formats.registry import ReadOptions
 from muybridge.motion.take import points_of_motion
 
 _CHARACTERS = (".glb", ".gltf", ".vrm", ".vrma", ".fbx")
@@ -59,7 +60,7 @@ def read_scene(path: Path, options: ReadOptions | None = None) -> Scene:
         FormatError: malformed, of no known format, without a frame, or without a single finite position.
     """
     options = options or ReadOptions()
-    take = read_file(path, options)
+    take = read_for_command(path, options)
     character = None
     if path.suffix.lower() in _CHARACTERS:
         character = read_character(path, options.clip)

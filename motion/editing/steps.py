@@ -13,7 +13,7 @@ import numpy as np
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.roles import find_motion_roles
+from muybridge.geometry.roles import RoleMap, find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.geometry.smoothing.filters import METHODS
@@ -89,11 +89,28 @@ def _motion(take: Take) -> Motion:
     return take.motion
 
 
-def _roles(take: Take) -> dict[str, int]:
-    """Role -> joint, as the file states them, else by names, else by geometry; empty where there is no human body."""
+def _role_map(take: Take) -> RoleMap:
+    """Roles of joints as the file states them, else by names, else by geometry."""
     motion = _motion(take)
     table = {bone: motion.skeleton.names[j] for bone, j in take.humanoid.items()}
-    return find_motion_roles(motion, table).roles
+    return find_motion_roles(motion, table)
+
+
+def _roles(take: Take) -> dict[str, int]:
+    """Role -> joint; empty where there is no human body."""
+    return _role_map(take).roles
+
+
+def _body_roles(take: Take) -> dict[str, int]:
+    """Role -> joint of a human body.
+
+    Raises:
+        MuybridgeError: the skeleton is of something else.
+    """
+    found = _role_map(take)
+    if found.body and not found.roles:
+        raise MuybridgeError(f"needs a human body, and the skeleton {found.body}", remedy="no_human_body")
+    return found.roles
 
 
 def _trim(take: Take, start: float, end: float | None) -> tuple[Take, str]:
@@ -187,7 +204,7 @@ def _floor(take: Take, height: float) -> tuple[Take, str]:
 def _plant(take: Take) -> tuple[Take, str]:
     motion = _motion(take)
     try:
-        planted = plant_feet(motion, roles=_roles(take))
+        planted = plant_feet(motion, roles=_body_roles(take))
     except ValueError as error:  # legs that are not known
         raise MuybridgeError(str(error)) from error
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
@@ -213,7 +230,7 @@ def _reduce(take: Take, tolerance: float, angle: float) -> tuple[Take, str]:
 
 def _rename(take: Take, profile: str) -> tuple[Take, str]:
     motion = _motion(take)
-    roles = _roles(take)
+    roles = _body_roles(take)
     new = naming.new_names(motion, profile, roles)
     moved = naming.displaced_names(motion.skeleton.names, new)
     kept = [name for name in motion.skeleton.names if name not in new and name not in moved]

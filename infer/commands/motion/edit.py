@@ -12,9 +12,10 @@ from muybridge.infer.commands.convert import Units, Up
 from muybridge.infer.pipelines.convert import read_files, written_files
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
+from muybridge.infer.runtime.reading import read_for_command
 from muybridge.motion.editing.channels import duration, frame_count
 from muybridge.motion.editing.steps import STEPS, edit_take, parse_steps
-from muybridge.motion.formats.registry import ReadOptions, check_writable, read_file, write_file
+from muybridge.motion.formats.registry import ReadOptions, check_writable, write_file
 from muybridge.motion.take import Take
 from muybridge.wording import counted
 
@@ -71,7 +72,7 @@ def edit(
         raise MuybridgeError(f"{target} is the file to be read", remedy="other_name")
     elif target.exists() and not overwrite:
         progress.notice(f"{target} is there already; without --dry-run, --overwrite is needed")
-    take = read_file(source, ReadOptions(units, up, fps, asf, clip))
+    take = read_for_command(source, ReadOptions(units, up, fps, asf, clip))
     for notice in take.notices:
         progress.notice(notice)
     take, _ = edit_take(take, calls, partial(print, flush=True))

@@ -87,14 +87,16 @@ def view(
 
 
 def size_notices(files: Sequence[Path], scenes: Sequence[Scene]) -> list[str]:
-    """A notice of each file whose body is far larger than the smallest one: nothing of that one could be seen."""
+    """A notice of each file whose body is far larger than the smallest one, unless its size was
+    noticed in reading: nothing of that one could be seen."""
+    named = {path for path, scene in zip(files, scenes, strict=True) if any(" scale " in n for n in scene.notices)}
     sized = [(scene.size, path) for path, scene in zip(files, scenes, strict=True) if scene.size > 0]
     if not sized:
         return []
     least, small = min(sized)
     out = []
     for size, path in sized:
-        if size > MOST_TIMES * least:
+        if size > MOST_TIMES * least and path not in named:
             factor = 10.0 ** -round(np.log10(size / least))
             out.append(f"{path.name}: is {size:.3g} m large, and {small.name} {least:.3g} m; if its unit is wrong, "
                        f"`muybridge edit {path.name} scale {factor:g} {path.stem}_scaled.glb` corrects it")  # fmt: skip

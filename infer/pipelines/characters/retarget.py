@@ -16,14 +16,16 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.pipelines.characters.takes import find_takes, person_clip_names, person_of
 from muybridge.infer.results.folder import OutputFolder
 from muybridge.infer.results.people import MOTION_BVH, of_person
+from muybridge.infer.runtime.reading import read_for_command, size_notices
 from muybridge.motion.character.character import Character
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.write import check_takes_clips, write_character_clip
 from muybridge.motion.editing.resampling import resample
 from muybridge.motion.formats.clip_choice import first_clip_notice
-from muybridge.motion.formats.registry import ReadOptions, can_use, check_writable, read_file, write_file
+from muybridge.motion.formats.registry import ReadOptions, can_use, check_writable, write_file
 from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, retarget
 from muybridge.motion.take import Take
+from muybridge.wording import counted
 
 CLIPS = (".glb", ".gltf", ".vrm", ".fbx")  # files that take one more clip and keep all else
 _ONE_CLIP = (".vrma", ".bvh")  # files whose motion another one takes the place of
@@ -45,7 +47,8 @@ class Target:
     def notices(self) -> tuple[str, ...]:
         """Those of reading it, but for the clip that was read: only the skeleton and the meshes count."""
         of_clip = first_clip_notice(self.character.path, self.character.clips)
-        return tuple(n for n in self.character.notices if n != of_clip)
+        sizes = size_notices(self.character.path, self.character.skeleton, self.roles.roles)
+        return (*(n for n in self.character.notices if n != of_clip), *sizes)
 
     @property
     def clips(self) -> tuple[str, ...]:
@@ -91,8 +94,8 @@ def describe_roles(target: Target) -> str:
     found, count = target.roles, len(target.character.skeleton)
     name = target.character.path.name
     if not found.roles:
-        return f"{name}: no human body was recognised among its {count} joints"
-    return f"{name}: {len(found.roles)} of {count} joints have a role, by {found.how}"
+        return f"{name}: no human body was recognised among its {counted(count, 'joint')}"
+    return f"{name}: {len(found.roles)} of {counted(count, 'joint')} have a role, by {found.source}"
 
 
 def suggest(target: Target) -> str:
@@ -107,7 +110,7 @@ def read_take(path: Path, clip: str | None = None, role_map: Path | None = None)
         FormatError: it cannot be read, or holds points.
         MuybridgeError: it has no frames, or no human body.
     """
-    take = read_file(path, ReadOptions(clip=clip if can_use(path, "clip") else None))
+    take = read_for_command(path, ReadOptions(clip=clip if can_use(path, "clip") else None))
     if take.motion is None:
         raise FormatError(f"{path}: holds points, which have no skeleton", remedy="fit_points")
     motion, names = take.motion, take.motion.skeleton.names
@@ -118,7 +121,7 @@ def read_take(path: Path, clip: str | None = None, role_map: Path | None = None)
         found = find_motion_roles(motion, {bone: names[j] for bone, j in take.humanoid.items()}, chosen)
     except MuybridgeError as error:
         raise error.about(str(role_map)) from None
-    found.require(str(path))
+    found.require(str(path), remedy="take_map")
     return motion, found, list(take.notices)
 
 
@@ -265,5 +268,6 @@ def measures(placed: Placed) -> str:
     result = placed.result
     steps = int((np.diff(result.contacts.feet.astype(int), axis=0) > 0).sum() + result.contacts.feet[0].sum())
     soles = "" if result.soles.measured else "; the file has no mesh of the feet, so soles were assumed"
-    return (f"{placed.name}: {len(result.motion)} frames at {result.motion.fps:g} fps, {steps} steps planted, "
-            f"path scaled by {result.scale:.3g}{soles}")  # fmt: skip
+    frames = f"{counted(len(result.motion), 'frame')} at {result.motion.fps:g} fps"
+    path = f"path scaled by {result.scale:.3g}{soles}"
+    return f"{placed.name}: {frames}, {counted(steps, 'step')} planted, {path}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from muybridge.errors import MuybridgeError
 from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, of_person
 from muybridge.infer.results.run import DEFAULT_OUT
-from muybridge.infer.session.discover import is_results
+from muybridge.infer.session.discover import is_results, session_of_results
 from muybridge.motion.formats.registry import can_use, motion_formats
 
 _PERSON_OF = {of_person(MOTION_BVH, n): n for n in range(1, MOST_PEOPLE + 1)}
@@ -99,7 +99,8 @@ def take_names(takes: Sequence[Path]) -> list[str]:
         if results is None:
             out.append(stem if stems.count(stem) == 1 else f"{take.resolve().parent.name}_{stem}")
             continue
-        session = results.parent.name if results.name == DEFAULT_OUT else results.name
+        folder = session_of_results(results) or (results.parent if results.name == DEFAULT_OUT else results)
+        session = folder.name
         out.append(session if number == 1 and of_session.count(results) == 1 else f"{session}_person_{number}")
     return out
 

@@ -70,6 +70,7 @@ def test_names_of_every_program_are_known(profile):
     for role in CORE_ROLES:
         names[truth[role]] = table[role]
     found = find_roles(replace(skeleton, names=tuple(names)))
+    assert "names, which are those of " in found.source and "words" not in found.source
     assert found.how.startswith("names:") and _core(found) == {role: truth[role] for role in CORE_ROLES}
 
 

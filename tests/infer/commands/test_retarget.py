@@ -17,6 +17,7 @@ from muybridge.infer.pipelines.characters.retarget import (
 from muybridge.infer.pipelines.characters.takes import clip_names, find_takes
 from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character import read_character
+from muybridge.motion.editing import scale as scale_motion
 from muybridge.motion.formats.registry import motion_formats, read_file, write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import four_legged, human
@@ -134,7 +135,7 @@ def test_a_suggested_map_is_written_and_taken(tmp_path, take, hero, capsys):
     assert run_command(["retarget", "--to", str(hero), "--suggest", "--out", str(path)]) == 0
     assert "by geometry" in capsys.readouterr().out and 'left_thigh = "b' in path.read_text()
     assert run_command(["retarget", str(take), "--to", str(hero), "--map", str(path), "--out", str(out)]) == 0
-    assert "by map" in capsys.readouterr().out
+    assert "by the map" in capsys.readouterr().out
 
 
 def refused(words, capsys):
@@ -158,7 +159,8 @@ def test_bad_input_is_one_line_and_nothing_written(tmp_path, take, hero, capsys)
     out = tmp_path / "out.glb"
     there = set(tmp_path.iterdir())
     on_hero = ["--to", hero, "--out", out]
-    assert "four legs" in refused([take, "--to", dog, "--out", out], capsys)
+    message = refused([take, "--to", dog, "--out", out], capsys)
+    assert "four legs" in message and "steps but `plant` and `rename`" in message and "--map" not in message
     assert "dog.glb" in refused([dog, *on_hero], capsys)
     assert "both given to the joint 'b0'" in refused([take, *on_hero, "--map", overlap], capsys)
     assert "no such joint" in refused([take, *on_hero, "--map", unknown], capsys)
@@ -214,6 +216,29 @@ def test_a_folder_gives_every_format_of_motion_and_each_take_once(tmp_path, hero
     assert set(motion_formats()) == {".bvh", ".amc", ".glb", ".gltf", ".vrm", ".vrma", ".fbx", ".mot", ".sto"}
     with pytest.raises(MuybridgeError, match="holds no motion"):
         find_takes([results_folder(tmp_path / "empty", 0)])
+
+
+@pytest.mark.parametrize(
+    ("factor", "scale"), [(98.0, 0.01), (0.0105, 100.0), (17.5, 0.05644), (1.8, None), (0.3, None)]
+)
+def test_a_size_of_nobody_is_noticed_by_every_command_that_reads(tmp_path, hero, capsys, factor, scale):
+    motion = read_file(body_file(tmp_path / "walk.glb", human(np.random.default_rng(0)), frames=3)).motion
+    big = tmp_path / "big man.glb"
+    write_file(big, Take(motion=scale_motion(motion, factor)))
+    capsys.readouterr()
+    commands = {
+        "convert": [big, tmp_path / "out.npz"], "edit": [big, "turn", "90", tmp_path / "out.glb"],
+        "view": [big, "--no-open"], "compare": [big, big],
+        "retarget": [big, "--to", hero, "--out", tmp_path / "new.glb"],
+    }  # fmt: skip
+    remedy = f"muybridge edit '{big}' scale {scale} 'big man_scaled.glb'"
+    for name, words in commands.items():
+        assert run_command([name, *map(str, words)]) == 0
+        wanted = 0 if not scale else 2 if name == "compare" else 1
+        assert capsys.readouterr().err.count(remedy) == wanted, name
+    words = [tmp_path / "walk.glb", "--to", big, "--out", tmp_path / "b.glb"]
+    assert run_command(["retarget", *map(str, words)]) == 0
+    assert (remedy in capsys.readouterr().err) == bool(scale)
 
 
 def test_names_of_clips_and_files():

@@ -121,7 +121,20 @@ def test_a_results_folder_is_no_session(make_session):
     shutil.copy(session / "videos" / "cam1.mp4", results.path / "overlay_cam1.mp4")
     with pytest.raises(SessionError) as refused:
         open_session(results.path)
-    assert "is a results folder; name the session's folder" in str(refused.value) and "\n" not in str(refused.value)
+    assert str(refused.value).endswith(f"is a results folder; name the session's folder, {session.resolve()}")
+
+
+def test_results_elsewhere_name_their_session(make_session, tmp_path, monkeypatch):
+    session = make_session(["cam1", "cam2"])
+    results = open_output(tmp_path / "elsewhere" / "results", (), (), session=session)
+    results.write_text("a.txt", "")
+    monkeypatch.chdir(results.path.parent)
+    with pytest.raises(SessionError) as refused:
+        open_session(Path("results"))
+    assert str(refused.value).endswith(f"name the session's folder, {session.resolve()}")
+    results = open_output(tmp_path / "points", (), ())
+    with pytest.raises(SessionError, match="which has the folder `videos`"):
+        open_session(results.path)
 
 
 def test_files_of_our_own_are_no_videos(make_session):

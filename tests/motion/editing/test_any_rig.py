@@ -129,5 +129,6 @@ def test_what_has_no_human_body_is_edited_but_where_roles_are_needed():
     assert not find_motion_roles(motion).roles
     assert find_sides(motion.skeleton).how["places"] > 5
     for name in ("plant", "rename mixamo"):
-        with pytest.raises(MuybridgeError):
+        with pytest.raises(MuybridgeError, match=f"step 1, {name}: .* animal on four legs") as refused:
             edit_take(Take(motion=motion), parse_steps(name.split()))
+        assert refused.value.remedy == "no_human_body"
