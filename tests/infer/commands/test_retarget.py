@@ -219,7 +219,7 @@ def test_a_folder_gives_every_format_of_motion_and_each_take_once(tmp_path, hero
 
 
 @pytest.mark.parametrize(
-    ("factor", "scale"), [(98.0, 0.01), (0.0105, 100.0), (17.5, 0.05644), (1.8, None), (0.3, None)]
+    ("factor", "scale"), [(98.0, "0.01"), (0.0105, "100"), (17.5, "0.05644"), (1.8, ""), (0.3, "")]
 )
 def test_a_size_of_nobody_is_noticed_by_every_command_that_reads(tmp_path, hero, capsys, factor, scale):
     motion = read_file(body_file(tmp_path / "walk.glb", human(np.random.default_rng(0)), frames=3)).motion
