@@ -6,24 +6,21 @@ counts by how far it moves what hangs on the joint. The tolerances of the joints
 is within the tolerance in the world.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.numerics.rotations import slerp
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
-from muybridge.motion.editing._keys_kernel import divide
+from muybridge.motion.editing._keys_kernel import between_keys, divide
 from muybridge.motion.editing.channels import check_editable
 from muybridge.motion.take import Keys
 
 _SHARES = tuple(0.7**k for k in range(14))  # of the tolerance that one joint may use
 _HALVINGS = 3  # of the step between two shares
 _FINEST = 0.5 * _SHARES[-1]
-_Between = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +56,14 @@ def reduce_keys(motion: Motion, tolerance: float = 1e-3, angle: float = np.radia
     slides = np.zeros((len(motion), 0, 3)) if motion.translations is None else motion.translations
     places = np.concatenate([motion.root_positions_world[:, None], slides], axis=1)
     lever = np.maximum(_reach(motion.skeleton) / tolerance, 1 / angle)
-    weight_p = divide(np.ascontiguousarray(places), np.full(places.shape[1], 1 / tolerance), _FINEST, False)
-    weight_q = divide(np.ascontiguousarray(motion.quat_wxyz), lever, _FINEST, True)
+    places, quat = np.ascontiguousarray(places), np.ascontiguousarray(motion.quat_wxyz)
+    weight_p = divide(places, np.full(places.shape[1], 1 / tolerance), _FINEST, False)
+    weight_q = divide(quat, lever, _FINEST, True)
     before = motion.joint_positions_world()
 
     def reduced(share: float) -> Reduced:
         keys_p, keys_q = (w > share if share else np.ones_like(w, dtype=np.bool_) for w in (weight_p, weight_q))
-        moved, turned = _between_keys(places, keys_p, _straight), _between_keys(motion.quat_wxyz, keys_q, _even)
+        moved, turned = between_keys(places, keys_p, False), between_keys(quat, keys_q, True)
         out = replace(motion, root_positions_world=moved[:, 0], quat_wxyz=turned,
                       translations=None if motion.translations is None else moved[:, 1:])  # fmt: skip
         error = float(np.linalg.norm(out.joint_positions_world() - before, axis=-1).max())
@@ -96,27 +94,3 @@ def _reach(skeleton: Skeleton) -> FloatArray:
         if (parent := skeleton.parents[j]) >= 0:
             reach[parent] = max(reach[parent], reach[j] + float(skeleton.bone_lengths[j]))
     return np.asarray(reach)
-
-
-def _straight(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
-    return np.asarray(a + (b - a) * share[..., None])
-
-
-def _even(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
-    return slerp(a, b, share)
-
-
-def _neighbours(keys: BoolArray) -> tuple[IndexArray, IndexArray, FloatArray]:
-    """(T, K) the key at or before each frame, the key at or after, and the share of the way between them."""
-    count = len(keys)
-    frames = np.arange(count)[:, None]
-    low = np.maximum.accumulate(np.where(keys, frames, 0), axis=0)
-    high = np.minimum.accumulate(np.where(keys, frames, count - 1)[::-1], axis=0)[::-1]
-    return low, high, (frames - low) / np.maximum(high - low, 1)
-
-
-def _between_keys(values: FloatArray, keys: BoolArray, between: _Between) -> FloatArray:
-    low, high, share = _neighbours(keys)
-    before, after = (np.take_along_axis(values, at[..., None], axis=0) for at in (low, high))
-    out = between(before, after, share)
-    return np.where(keys[..., None], values, out)
