@@ -10,6 +10,8 @@ from muybridge.files import replacing
 from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
 from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.characters.retarget import (
+    PLACE_UNITS,
+    READ_UNITS,
     Placed,
     Target,
     check_output,
@@ -82,27 +84,27 @@ def retarget(
     if is_robot(to):
         _refuse_of_robots(clip_name, plant)
         return run_retarget_robot(RobotRequest(takes, to, out, map, suggest_map, take_map, take_clip, fps, overwrite))
-    target = read_target(to, map)
     progress = Progress()
-    for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):
-        progress.notice(notice)
+    target = _read_target(to, map, progress)
     if suggest_map:
         return _suggest(target, out or Path(f"{to.stem}.map.toml"), overwrite)
     target.roles.require(str(to))
     found = takes_of(takes, take_clip, but=to)
-    files = found.files
     for notice in found.notices:
         progress.notice(notice)
+    files = found.files
     names = clip_names(files, clip_name, target.clips)
     paths = output_paths(out, to, names)
     check_output(paths, to)
     check_replaceable(paths, overwrite, [to, *files], make_folders=False)
     print(describe_roles(target))
     name_of = dict(zip(files, names, strict=True))
+    options = RetargetOptions(plant=plant, touch=touch)
 
     def put(file: Path) -> Placed:
         clip = take_clip if can_use(file, "clip") else None
-        one = place(file, target, name_of[file], RetargetOptions(plant=plant, touch=touch), fps, clip, take_map)
+        with Progress() as shown, shown.task(f"{file.name} on {to.name}", READ_UNITS + PLACE_UNITS) as task:
+            one = place(file, target, name_of[file], options, fps, clip, take_map, task.advance)
         for notice in one.notices:
             progress.notice(notice)
         print(measures(one), flush=True)
@@ -112,9 +114,7 @@ def retarget(
     if len(paths) > 1:  # a file a take
         paths = [path for file, path in zip(files, paths, strict=True) if file in tried.done]
     if tried.done:
-        for notice in write_placed(list(tried.done.values()), target, paths):
-            progress.notice(notice)
-        print("\n".join(str(path) for path in paths))
+        _write(list(tried.done.values()), target, paths, progress)
     tried.report_failures("takes")
     return tried.exit_code
 
@@ -125,6 +125,23 @@ def _refuse_of_robots(clip_name: str | None, plant: bool) -> None:
         raise MuybridgeError(
             "a robot's motion has no clips, and its feet are always planted; leave out --clip-name and --no-plant"
         )
+
+
+def _read_target(to: Path, role_map: Path | None, progress: Progress) -> Target:
+    """Read the character, and print what was assumed."""
+    target = read_target(to, role_map)
+    for notice in (*target.notices, *(f"{to.name}: {note}" for note in target.roles.notes)):
+        progress.notice(notice)
+    return target
+
+
+def _write(placed: list[Placed], target: Target, paths: list[Path], progress: Progress) -> None:
+    """Write the clips, and print the files."""
+    with Progress() as shown, shown.task("writing", len(placed)) as task:
+        notices = write_placed(placed, target, paths, task.advance)
+    for notice in notices:
+        progress.notice(notice)
+    print("\n".join(str(path) for path in paths))
 
 
 def _suggest(target: Target, path: Path, overwrite: bool) -> int:

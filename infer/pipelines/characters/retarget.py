@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,10 @@ from muybridge.motion.retargeting.solver import Retargeted, RetargetOptions, ret
 from muybridge.motion.take import Take
 from muybridge.wording import counted
 
+Advance = Callable[[int], object]
 CLIPS = (".glb", ".gltf", ".vrm", ".fbx")  # files that take one more clip and keep all else
+# Units of progress: of a take's reading and of putting it onto the character, by the time that they take.
+READ_UNITS, PLACE_UNITS = 1, 3
 _ONE_CLIP = (".vrma", ".bvh")  # files whose motion another one takes the place of
 
 
@@ -127,7 +130,7 @@ def read_take(path: Path, clip: str | None = None, role_map: Path | None = None)
 
 def place(
     path: Path, target: Target, name: str, options: RetargetOptions, fps: float | None = None,
-    clip: str | None = None, take_map: Path | None = None,
+    clip: str | None = None, take_map: Path | None = None, advance: Advance | None = None,
 ) -> Placed:  # fmt: skip
     """One take on the character.
 
@@ -139,8 +142,11 @@ def place(
         fps: frames per second of the clip; None for those of the character's clips, or of the take where it has none.
         clip: of the take's file.
         take_map: roles of the take's joints.
+        advance: called with `READ_UNITS` when the take is read, with `PLACE_UNITS` at the end.
     """
     motion, roles, notices = read_take(path, clip, take_map)
+    if advance is not None:
+        advance(READ_UNITS)
     wanted = fps or (target.character.motion.fps if target.character.clips else motion.fps)
     if abs(wanted - motion.fps) > 1e-6 * wanted and len(motion) > 1:
         why = "as asked" if fps else f"which {target.character.path.name} has"
@@ -150,6 +156,8 @@ def place(
     result = retarget(motion, roles.roles, target.character, target.roles.roles, options)
     if not result.contacts.feet.any():
         notices.append(f"{path.name}: no foot stands in it, so none was planted")
+    if advance is not None:
+        advance(PLACE_UNITS)
     return Placed(name, result, tuple(notices))
 
 
@@ -174,17 +182,21 @@ def check_output(paths: Sequence[Path], to: Path) -> None:
             check_writable(path)
 
 
-def write_placed(placed: Sequence[Placed], target: Target, paths: Sequence[Path]) -> list[str]:
-    """Write the clips; what else had to change is returned, one sentence each."""
+def write_placed(
+    placed: Sequence[Placed], target: Target, paths: Sequence[Path], advance: Advance | None = None
+) -> list[str]:
+    """Write the clips; what else had to change is returned, one sentence each. `advance(1)` is called behind each."""
     character = target.character
     if character.path.suffix.lower() in CLIPS:
-        return _write_clips(placed, character, paths[0])
+        return _write_clips(placed, character, paths[0], advance)
     notices: list[str] = []
     for one, path in zip(placed, paths, strict=True):
         if character.path.suffix.lower() in _ONE_CLIP:
             notices += _write_alone(one, character, path)
         else:
             write_file(path, Take(motion=one.result.motion))
+        if advance is not None:
+            advance(1)
     return list(dict.fromkeys(notices))
 
 
@@ -245,7 +257,9 @@ def _write_group(group: Sequence[Placed], target: Target, notices: list[str], pa
     notices.extend(write_placed(group, target, [path]))
 
 
-def _write_clips(placed: Sequence[Placed], character: Character, path: Path) -> list[str]:
+def _write_clips(
+    placed: Sequence[Placed], character: Character, path: Path, advance: Advance | None = None
+) -> list[str]:
     """One file with all clips, made one after the other in a temporary folder."""
     notices: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -256,6 +270,8 @@ def _write_clips(placed: Sequence[Placed], character: Character, path: Path) -> 
             notices += write_character_clip(last, one.result.motion, step, one.name)
             if k + 1 < len(placed):
                 last = read_character(step)
+            if advance is not None:
+                advance(1)
         extra = [f for f in step.parent.iterdir() if f != step]
         for file in [*extra, step]:
             with replacing(path.with_name(file.name)) as temporary:

@@ -10,15 +10,20 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.pipelines.characters.retarget import (
+    PLACE_UNITS,
+    READ_UNITS,
     output_paths,
+    place,
     read_run_target,
     retarget_results,
+    write_placed,
 )
 from muybridge.infer.pipelines.characters.takes import clip_names, find_takes
 from muybridge.infer.results.people import MOTION_BVH, of_person
 from muybridge.motion.character import read_character
 from muybridge.motion.editing import scale as scale_motion
 from muybridge.motion.formats.registry import motion_formats, read_file, write_file
+from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import four_legged, human
 from tests.motion.formats.test_fbx_text import text_file
@@ -52,6 +57,17 @@ def test_a_take_becomes_one_more_clip_of_the_characters_file(tmp_path, take, her
     assert after.skeleton.names == before.skeleton.names
     printed = capsys.readouterr().out
     assert "stroll: 20 frames at 30 fps" in printed and "by geometry" in printed and str(out) in printed
+
+
+def test_progress_of_a_take_is_told_as_it_is_made(tmp_path, take, hero, capsys):
+    done, target = [], read_run_target(hero)
+    placed = [place(take, target, name, RetargetOptions(), advance=done.append) for name in ("a", "b")]
+    assert done == [READ_UNITS, PLACE_UNITS] * 2
+    write_placed(placed, target, [tmp_path / "out.glb"], done.append)
+    assert done[4:] == [1, 1]
+    assert run_command(["retarget", str(take), "--to", str(hero), "--out", str(tmp_path / "b.glb")]) == 0
+    told = capsys.readouterr().err
+    assert "walk.bvh on hero.glb: " in told and "writing: " in told
 
 
 def test_a_folder_of_takes_becomes_clips_of_their_names(tmp_path, hero):
