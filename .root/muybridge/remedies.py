@@ -38,9 +38,9 @@ REMEDIES: dict[str, str] = {
     "move_folder": "move it, or choose another folder",
     "network_of_landmarks": "leave network out",
     "no_calibration": "or pass the path of one; muybridge.infer.pipelines.calibration makes one",
-    "no_model_card": "leave model_card out",
     "no_human_body": "edits that need no human body work on it: all of muybridge.motion.editing but plant_feet and "
     "rename_joints",
+    "no_model_card": "leave model_card out",
     "npz_limit": "pass a larger `limit`, in bytes, if you trust the file",
     "option_unused": "leave out `{option}`",
     "other_folder": "choose another folder",

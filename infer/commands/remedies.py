@@ -46,8 +46,8 @@ COMMAND_REMEDIES: dict[str, str] = {
         "--rows 5 --square 0.035 --out {session}/calibration.toml`, or measure points and run `muybridge calibrate "
         "points POINTS.csv --videos {session}/videos --out {session}/calibration.toml`"
     ),
-    "no_model_card": "leave out --model-card",
     "no_human_body": "it can be viewed and converted, and edited with all steps but `plant` and `rename`",
+    "no_model_card": "leave out --model-card",
     "npz_limit": "save what is needed of it in smaller files, or read it in Python with a larger `limit`",
     "option_unused": "leave out --{option}",
     "other_folder": "choose another folder with --out",
