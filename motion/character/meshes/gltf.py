@@ -96,10 +96,45 @@ def _look(document: Document, notices: list[str]) -> Look:
         data, kind = read_image(document, raw)
         if data is None:
             notices.append(f"{document.path.name}: its image {raw.get('uri', k)!r} was not found and is left out")
-            data, kind = b"", ""
+            data = b""
         pictures.append(Picture(str(raw.get("name") or Path(str(raw.get("uri", "")[:60])).name or f"image_{k}"),
                                 data, kind))  # fmt: skip
+    textures, pictures, lost = _found(copy.deepcopy(own.get("textures") or []), pictures)
     names = [tuple(e for e in own.get(key) or [] if e not in _OF_GEOMETRY)
              for key in ("extensionsUsed", "extensionsRequired")]  # fmt: skip
-    return Look(tuple(copy.deepcopy(own.get("materials") or [])), tuple(copy.deepcopy(own.get("textures") or [])),
-                tuple(copy.deepcopy(own.get("samplers") or [])), tuple(pictures), names[0], names[1])  # fmt: skip
+    materials = _without(copy.deepcopy(own.get("materials") or []), lost)
+    samplers = copy.deepcopy(own.get("samplers") or [])
+    return Look(tuple(materials), tuple(textures), tuple(samplers), tuple(pictures), names[0], names[1])
+
+
+def _found(textures: list[Any], pictures: list[Picture]) -> tuple[list[Any], list[Picture], set[int]]:
+    """Textures and pictures without the pictures that have no bytes, and the numbers of textures that are left bare.
+
+    glTF allows no image without bytes. Textures keep their numbers; extensions may name further pictures of them.
+    """
+    number = {k: n for n, k in enumerate(k for k, picture in enumerate(pictures) if picture.data)}
+    lost = set()
+    for k, texture in enumerate(textures):
+        extensions = texture.pop("extensions", None) or {}
+        sources = [texture, *(e for e in extensions.values() if isinstance(e, dict))]
+        for named in sources:
+            source = named.pop("source", None)
+            if source in number:
+                named["source"] = number[source]
+        if any(extensions.values()):
+            texture["extensions"] = {name: e for name, e in extensions.items() if e}
+        if not any("source" in named for named in sources):
+            lost.add(k)
+    return textures, [picture for picture in pictures if picture.data], lost
+
+
+def _without(value: Any, lost: set[int]) -> Any:
+    """Materials without what refers to textures that are lost."""
+    if isinstance(value, list):
+        return [_without(one, lost) for one in value]
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: _without(one, lost) for key, one in value.items()
+        if not (key.endswith("Texture") and isinstance(one, dict) and one.get("index") in lost)
+    }  # fmt: skip

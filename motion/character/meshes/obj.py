@@ -15,7 +15,7 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import FormatError
 from muybridge.motion.character.meshes.static_mesh import Look, Picture, StaticMesh, Surface
 
-_KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+_KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}  # by the first bytes
 _OPAQUE = 0.999
 
 
@@ -25,8 +25,11 @@ def read_obj_mesh(path: Path) -> StaticMesh:
     Raises:
         FormatError: it holds no faces, or they refer to what is not there.
     """
-    lines = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").split(b"\n")
+    data = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\t", b" ")
+    lines = [line.strip() for line in data.split(b"\n")]
     points = _numbers(path, lines, b"v ")
+    if points.shape[1] < 3:
+        raise FormatError(f"{path}: a vertex has fewer than three numbers", remedy="export_gltf")
     uvs, normals = _numbers(path, lines, b"vt "), _numbers(path, lines, b"vn ")
     look, numbers, notices = _read_mtl(path, lines)
     surfaces = []
@@ -129,14 +132,18 @@ def _read_mtl(path: Path, lines: Iterable[bytes]) -> tuple[Look, dict[str, int],
                 look = {"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
                 materials.append({"name": value.strip(), "pbrMetallicRoughness": look, "doubleSided": True})
             elif materials:
-                _set(materials[-1], key.lower(), value.split(), file, pictures, notices)
+                try:
+                    _set(materials[-1], key.lower(), value.strip(), file, pictures, notices)
+                except ValueError:  # such as a spectral curve in place of a colour
+                    notices.append(f"{file.name}: its line {line.strip()!r} was not understood and is left out")
     textures = tuple({"source": k} for k in range(len(pictures)))
     return Look(tuple(materials), textures, (), tuple(pictures)), numbers, notices
 
 
-def _set(material: dict[str, Any], key: str, words: list[str], file: Path, pictures: list[Picture],
+def _set(material: dict[str, Any], key: str, value: str, file: Path, pictures: list[Picture],
          notices: list[str]) -> None:  # fmt: skip
-    """One line of an MTL."""
+    """One line of an MTL; ValueError where its numbers are none."""
+    words = value.split()
     look = material["pbrMetallicRoughness"]
     if key == "kd" and len(words) >= 3:
         look["baseColorFactor"][:3] = [_linear(float(w)) for w in words[:3]]
@@ -146,9 +153,12 @@ def _set(material: dict[str, Any], key: str, words: list[str], file: Path, pictu
         if alpha < _OPAQUE:
             material["alphaMode"] = "BLEND"
     elif key in ("map_kd", "norm") and words:
-        picture = _read_picture(file.parent / words[-1].replace("\\", "/"))
+        # A name may have spaces, and options may stand before it.
+        names = dict.fromkeys((value, words[-1]) if not value.startswith("-") else (words[-1],))
+        found = (_read_picture(file.parent / name.replace("\\", "/")) for name in names)
+        picture = next((one for one in found if one is not None), None)
         if picture is None:
-            notices.append(f"{file.name}: its texture {words[-1]} was not found or is no image")
+            notices.append(f"{file.name}: its texture {next(iter(names))} was not found or is no image")
             return
         if picture not in pictures:
             pictures.append(picture)
@@ -169,8 +179,10 @@ def _read_picture(path: Path) -> Picture | None:
     """An image as PNG or JPEG, which are those that glTF holds; others are converted. None where it is no image."""
     if not path.is_file():
         return None
-    if kind := _KINDS.get(path.suffix.lower()):
-        return Picture(path.name, path.read_bytes(), kind)
+    data = path.read_bytes()
+    for start, kind in _KINDS.items():
+        if data.startswith(start):
+            return Picture(path.name, data, kind)
     from PIL import Image, UnidentifiedImageError
 
     out = io.BytesIO()

@@ -1,5 +1,6 @@
 """Reading meshes of all formats, with a check of what is in them."""
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +24,7 @@ _READERS: dict[str, tuple[Callable[[Path], StaticMesh], str, str]] = {
 }
 MESH_SUFFIXES = tuple(_READERS)
 _LEAST_FACES = 50
+_LARGEST = 1e30  # of a coordinate; glTF stores single precision, and volumes must not overflow
 
 
 def read_mesh(path: Path) -> StaticMesh:
@@ -39,7 +41,7 @@ def read_mesh(path: Path) -> StaticMesh:
     if path.suffix.lower() not in _READERS:
         raise FormatError(f"{path}: is no mesh that can be read; valid are {', '.join(MESH_SUFFIXES)}")
     if not path.is_file():
-        raise FormatError(f"{path}: no such file")
+        raise FormatError(f"{path}: {'is a folder, not a mesh' if path.is_dir() else 'no such file'}")
     reader, kind, remedy = _READERS[path.suffix.lower()]
     with parsing(path, FormatError, kind, remedy):
         mesh = reader(path)
@@ -50,18 +52,21 @@ def read_mesh(path: Path) -> StaticMesh:
 def _check(mesh: StaticMesh) -> None:
     if mesh.skinned:
         raise FormatError(f"{mesh.path}: its mesh has a skin already, so it needs no new rig", remedy="has_skin",
-                          mesh=mesh.path)  # fmt: skip
+                          takes="TAKE", mesh=shlex.quote(str(mesh.path)))  # fmt: skip
     faces = sum(len(surface.triangles) for surface in mesh.surfaces)
     if not faces:
         raise FormatError(f"{mesh.path}: holds no faces, so there is nothing to rig", remedy="mesh_faces")
     for surface in mesh.surfaces:
-        bad = ~np.isfinite(surface.positions).all(axis=1)
+        bad = ~(np.abs(surface.positions) < _LARGEST).all(axis=1)
         if bad.any():
             raise FormatError(f"{mesh.path}: vertex {int(np.argmax(bad))} of the mesh {surface.name!r} is not finite",
                               remedy="mesh_repair")  # fmt: skip
-        if len(surface.triangles) and surface.triangles.max() >= len(surface.positions):
-            raise FormatError(f"{mesh.path}: the mesh {surface.name!r} refers to vertex {surface.triangles.max()} of "
+        wrong = surface.triangles[(surface.triangles < 0) | (surface.triangles >= len(surface.positions))]
+        if len(wrong):
+            raise FormatError(f"{mesh.path}: the mesh {surface.name!r} refers to vertex {wrong[0]} of "
                               f"{len(surface.positions)}", remedy="mesh_repair")  # fmt: skip
     if faces < _LEAST_FACES:
         raise FormatError(f"{mesh.path}: has {faces} triangles, which show no body; at least {_LEAST_FACES} are needed",
                           remedy="mesh_faces")  # fmt: skip
+    if mesh.extent.max() < 1 / _LARGEST:
+        raise FormatError(f"{mesh.path}: all its faces are in one place", remedy="mesh_repair")

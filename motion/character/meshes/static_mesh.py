@@ -102,6 +102,11 @@ class StaticMesh:
         starts = np.cumsum([0, *(len(surface.positions) for surface in self.surfaces[:-1])])
         return np.concatenate([s.triangles + start for s, start in zip(self.surfaces, starts, strict=True)])
 
+    @property
+    def extent(self) -> FloatArray:
+        """(3,) metres of the box about all faces; vertices that no face has do not count."""
+        return np.asarray(np.ptp(self.vertices[np.unique(self.triangles)], axis=0))
+
     def moved(self, matrix: FloatArray, turned: bool = False) -> "StaticMesh":
         """The mesh under a similarity.
 

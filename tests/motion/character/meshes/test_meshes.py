@@ -260,3 +260,53 @@ def test_an_fbx_without_a_skin(tmp_path, body):
 def test_an_fbx_with_a_skin_is_sent_to_retarget(tmp_path, body):
     with pytest.raises(FormatError, match="has a skin already"):
         read_mesh(fbx(tmp_path / "a.fbx", *body[:2], skinned=True))
+
+
+def test_meshes_without_extent_and_with_wrong_corners_are_refused(tmp_path, body):
+    vertices, triangles, _ = body
+    faces = "\n".join(f"f {a} {b} {c}" for a, b, c in triangles + 1)
+    for text, said in (("v 1 2 3", "in one place"), ("v 1 2", "fewer than three"), ("v 1e200 0 0", "not finite")):
+        (tmp_path / "a.obj").write_text(f"{text}\n" * len(vertices) + faces)
+        with pytest.raises(FormatError, match=said):
+            read_mesh(tmp_path / "a.obj")
+    wrong = triangles.copy()
+    wrong[3, 0] = -5
+    rows = "\n".join(f"{x} {y} {z}" for x, y, z in vertices) + "\n" + "\n".join(f"3 {a} {b} {c}" for a, b, c in wrong)
+    head = [f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}", *(f"property float {c}" for c in "xyz"),
+            f"element face {len(wrong)}\nproperty list uchar int vertex_indices\nend_header"]  # fmt: skip
+    (tmp_path / "a.ply").write_text("\n".join([*head, rows]) + "\n")
+    with pytest.raises(FormatError, match="refers to vertex -5"):
+        read_mesh(tmp_path / "a.ply")
+    (tmp_path / "folder.obj").mkdir()
+    with pytest.raises(FormatError, match="is a folder"):
+        read_mesh(tmp_path / "folder.obj")
+
+
+def test_an_obj_may_have_tabs_and_indents_and_names_with_spaces(tmp_path, body):
+    vertices, triangles, _ = body
+    lines = [f"  v\t{x} {y} {z}" for x, y, z in vertices] + [f"\tf\t{a} {b} {c}" for a, b, c in triangles + 1]
+    (tmp_path / "a.obj").write_text("\n".join(["mtllib my look.mtl", "usemtl skin", *lines]))
+    (tmp_path / "my look.mtl").write_text(
+        "newmtl skin\nKd spectral a.rfl 1.0\nd x\nmap_Kd my skin.png\nnorm text.png\n"
+    )
+    (tmp_path / "my skin.png").write_bytes(png())
+    (tmp_path / "text.png").write_text("no image")
+    mesh = read_mesh(tmp_path / "a.obj")
+    assert len(mesh.triangles) == len(triangles)
+    assert [picture.name for picture in mesh.look.pictures] == ["my skin.png"]
+    assert sum("was not understood" in note for note in mesh.notices) == 2
+    assert any("text.png was not found or is no image" in note for note in mesh.notices)
+
+
+def test_an_image_that_is_missing_leaves_nothing_behind(tmp_path, body):
+    def lose(document):
+        document["images"].insert(0, {"uri": "gone.png"})
+        document["textures"] = [{"source": 0}, {"source": 1}]
+        document["materials"][0]["normalTexture"] = {"index": 1}
+
+    mesh = read_mesh(glb(tmp_path / "a.glb", *body[:2], edit=lose))
+    assert any("gone.png" in note for note in mesh.notices)
+    assert [picture.data for picture in mesh.look.pictures] == [png()]
+    assert mesh.look.textures == ({}, {"source": 0})
+    assert mesh.look.materials[0]["pbrMetallicRoughness"] == {}
+    assert mesh.look.materials[0]["normalTexture"] == {"index": 1}
