@@ -26,7 +26,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "fps_range": "give --fps a number above zero, not --fps {fps}",
     "fps_unstated": "state it with --fps",
     "frames_unnumbered": "number them in a column `frame`, or state with --fps that nothing is missing",
-    "has_skin": "put takes onto it with `muybridge retarget TAKE --to {mesh}`",
+    "has_skin": "put takes onto it with `muybridge retarget {takes} --to {mesh}`",
     "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
     "leave_out_camera": "or leave it out with --cameras",
     "lens_fisheye": "if the lens is a fisheye lens, give --lens fisheye",

@@ -1,5 +1,6 @@
 """The command `character`: a mesh rigged, skinned and moved."""
 
+import shlex
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from muybridge.errors import MuybridgeError
+from muybridge.errors import FormatError, MuybridgeError
 from muybridge.infer.pipelines.characters.retarget import measures
 from muybridge.infer.pipelines.characters.rigging import (
     Rigged,
@@ -21,9 +22,11 @@ from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
 from muybridge.motion.character.rigging.rig import RigOptions
+from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.retargeting.solver import RetargetOptions
 
 COMMON_OPTIONS = {"character": ("motion", "out", "template", "rig", "rig_only", "joints", "write_joints", "overwrite")}
+_TALLEST = 100.0  # metres; larger numbers are centimetres
 
 
 def character(
@@ -72,6 +75,14 @@ def character(
     """
     if not motion and not rig_only and write_joints is None:
         raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
+    if out is not None and not motion and not rig_only:
+        raise MuybridgeError(f"{out} is written only with motion; give takes with --motion, or --rig-only")
+    check_fps(fps)
+    if height is not None and not 0.0 < height <= _TALLEST:
+        raise MuybridgeError(f"--height is in metres, above 0 and at most {_TALLEST:g}, such as 1.8, not {height:g}")
+    if height is not None and joints is not None:
+        raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
+                             "was written for; give --height together with --write-joints")  # fmt: skip
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
@@ -80,10 +91,12 @@ def character(
     if takes and template == "quadruped":
         raise MuybridgeError(f"{takes[0]}: takes of people cannot be put onto a quadruped; give --rig-only")
     writes = [*([out] if takes or rig_only else []), *([write_joints] if write_joints is not None else [])]
-    check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])])
+    if len({path.resolve() for path in writes}) < len(writes) or (write_joints is not None and write_joints.is_dir()):
+        raise MuybridgeError(f"{write_joints}: the joints need a file of their own", remedy="other_name")
+    check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])], make_folders=False)
     with Progress() as progress:
         with progress.task(f"finding the joints of {mesh.name}", 1) as task:
-            found = rig_file(mesh, RigOptions(template, rig, turn), joints, height)
+            found = _rigged(mesh, RigOptions(template, rig, turn), joints, height, motion)
             task.advance()
         for notice in (*found_takes.notices, *found.notices):
             progress.notice(notice)
@@ -93,6 +106,18 @@ def character(
             _write(progress, found, takes, out, clip_name, fps, plant)
     print("\n".join(str(path) for path in writes))
     return 0
+
+
+def _rigged(
+    mesh: Path, options: RigOptions, joints: Path | None, height: float | None, motion: Sequence[Path]
+) -> Rigged:
+    """A mesh with its skeleton; where it has one already, the error names the command with the given takes."""
+    try:
+        return rig_file(mesh, options, joints, height)
+    except FormatError as error:
+        if error.remedy == "has_skin" and motion:
+            error.details["takes"] = shlex.join(str(take) for take in motion)
+        raise
 
 
 def _write(

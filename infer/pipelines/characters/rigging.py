@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.errors import FormatError, MuybridgeError
+from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, place, write_placed
@@ -62,18 +62,24 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
     known = KnownJoints(None, {})
     if joints is not None:
         known = read_joints(joints)
-        options = replace(options, template=_template(known, joints) or options.template)
+        options = replace(options, template=known.template or options.template)
     mesh, notices = _in_metres(mesh)
-    if known.new_from_old is not None and set(TEMPLATES[options.template].roles) <= set(known.places):
+    if joints is not None:
+        notices = (*notices, *known.notices(joints, path))
+    whole = set(TEMPLATES[options.template].roles) <= set(known.places)
+    if known.new_from_old is not None and whole:
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
         try:
             rig = rig_mesh(mesh.vertices, mesh.triangles, options)
         except MuybridgeError as error:
-            raise error.about(str(path)) from None
+            if not whole:
+                raise error.about(str(path)) from None
+            # Every joint is named, by hand where none could be found: the mesh stays as it stands.
+            rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, np.eye(4), options)
     matrix = rig.new_from_old
     if height is not None and not known.places:
-        size = np.diag([height / float(np.ptp(mesh.moved(matrix).vertices[:, 2]))] * 3 + [1.0])
+        size = np.diag([height / float(mesh.moved(matrix).extent[2])] * 3 + [1.0])
         matrix = size @ matrix
         rig = replace(rig, places={r: size[:3, :3] @ p for r, p in rig.places.items()}, new_from_old=matrix)
     mesh = mesh.moved(matrix, rig.inside_out)
@@ -82,15 +88,9 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
     return Rigged(mesh, rig, (*mesh.notices, *notices, *(f"{path.name}: {note}" for note in rig.notices)))
 
 
-def _template(known: KnownJoints, path: Path) -> str | None:
-    if known.template is not None and known.template not in TEMPLATES:
-        raise FormatError(f"{path}: unknown template {known.template!r}; valid are {', '.join(TEMPLATES)}")
-    return known.template
-
-
 def _in_metres(mesh: StaticMesh) -> tuple[StaticMesh, tuple[str, ...]]:
     """A mesh whose format states no unit, in metres by its size."""
-    tall = float(np.ptp(mesh.vertices, axis=0).max())
+    tall = float(mesh.extent.max())
     if mesh.faces_front or _LEAST_HEIGHT <= tall <= _MOST_HEIGHT:
         return mesh, ()
     units = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
@@ -162,5 +162,7 @@ def move_character(
 
 def check_character_output(out: Path) -> None:
     """MuybridgeError where a file is of a format that holds no skinned mesh of ours."""
+    if out.is_dir():
+        raise MuybridgeError(f"{out}: is a folder", remedy="other_name")
     if out.suffix.lower() not in OUTPUTS:
         raise MuybridgeError(f"{out}: a character is written as {' or '.join(OUTPUTS)}", remedy="other_name")

@@ -1,5 +1,6 @@
 """Joints in a file that a user corrects: written from what was found, and applied again."""
 
+import json
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +12,15 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
 from muybridge.files import replacing
 from muybridge.motion.character.rigging.rig import MeshRig
+from muybridge.motion.character.rigging.templates import TEMPLATES
 
 _HEAD = """# Joints of {mesh}, in metres: x to the left of the body, y to its back, z up, which are
 # the axes that Blender shows the written file in. Move what is wrong, and leave out what
 # shall be found anew; a joint that is named here is where this file says. `placed` is how the
 # mesh was moved, row after row: leave it as it is.
 """
+_LARGEST = 1e30  # of a coordinate
+_APART = 1e-4  # of the mesh's extent that a joint is at least from its parent
 _ROOM = 0.25  # of the mesh's extent beyond its box within which a joint may be
 
 
@@ -27,7 +31,9 @@ def write_joints(path: Path, mesh: Path, rig: MeshRig) -> None:
         OutputError: the file cannot be written.
     """
     rows = ", ".join(f"[{', '.join(f'{v + 0.0:.9g}' for v in row)}]" for row in rig.new_from_old[:3])
-    head = [_HEAD.format(mesh=mesh.name), f'template = "{rig.template.name}"', f"placed = [{rows}]\n"]
+    name = " ".join(mesh.name.encode("utf-8", "replace").decode("utf-8").split())
+    head = [_HEAD.format(mesh=name), f"mesh = {json.dumps(name, ensure_ascii=False)}",
+            f'template = "{rig.template.name}"', f"placed = [{rows}]\n"]  # fmt: skip
     lines = [*head, "[joints]"]
     for role in rig.template.roles:
         lines.append(f"{role} = [{', '.join(f'{v + 0.0:.4f}' for v in rig.places[role])}]")
@@ -43,18 +49,26 @@ class KnownJoints:
         template: its name; None if the file names none.
         places: role -> (3,) metres.
         new_from_old: (4, 4) how the mesh is moved; None if the file does not say.
+        mesh: name of the file that it was written for; None if the file does not say.
     """
 
     template: str | None
     places: dict[str, FloatArray]
     new_from_old: FloatArray | None = None
+    mesh: str | None = None
+
+    def notices(self, path: Path, mesh: Path) -> tuple[str, ...]:
+        """What is said where the file at a path was written for another mesh."""
+        if self.mesh is None or self.mesh == " ".join(mesh.name.split()):
+            return ()
+        return (f"{path.name}: was written for {self.mesh}, not for {mesh.name}; see whether its joints fit",)
 
 
 def read_joints(path: Path) -> KnownJoints:
     """Read a file of joints.
 
     Raises:
-        FormatError: it is no such file, or a place is not three finite numbers.
+        FormatError: it is no such file, a place is not three finite numbers, or the template is unknown.
     """
     with parsing(path, FormatError, "a file of joints"):
         values: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
@@ -63,11 +77,15 @@ def read_joints(path: Path) -> KnownJoints:
         raise FormatError(f"{path}: a file of joints has a table [joints] with lines joint = [x, y, z]")
     out = {}
     for role, place in joints.items():
-        good = isinstance(place, list) and len(place) == 3 and all(isinstance(v, int | float) for v in place)
-        if not good or not np.isfinite(np.array(place, float)).all():
+        good = isinstance(place, list) and len(place) == 3 and all(type(v) in (int, float) for v in place)
+        if not good or not all(abs(v) < _LARGEST for v in place):
             raise FormatError(f"{path}: the joint {role} must be three finite numbers, [x, y, z] in metres")
         out[role] = np.array(place, float)
-    return KnownJoints(values.get("template"), out, _matrix(path, values.get("placed")))
+    template = values.get("template")
+    if template is not None and template not in tuple(TEMPLATES):
+        raise FormatError(f"{path}: unknown template {template!r}; valid are {', '.join(TEMPLATES)}")
+    return KnownJoints(template, out, _matrix(path, values.get("placed")),
+                       None if values.get("mesh") is None else str(values["mesh"]))  # fmt: skip
 
 
 def _matrix(path: Path, rows: Any) -> FloatArray | None:
@@ -75,11 +93,20 @@ def _matrix(path: Path, rows: Any) -> FloatArray | None:
         return None
     try:
         matrix = np.array([*rows, [0, 0, 0, 1]], float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+    if matrix.shape != (4, 4) or not _is_similarity(matrix):
         raise FormatError(f"{path}: `placed` must be three rows of four numbers; leave it as it was written")
     return matrix
+
+
+def _is_similarity(matrix: FloatArray) -> bool:
+    """Whether (4, 4) turns, scales and moves, and neither mirrors nor shears."""
+    size = float(np.linalg.norm(matrix[:3, 0]))
+    if not np.isfinite(matrix).all() or not size > 0.0:
+        return False
+    turn = matrix[:3, :3] / size
+    return bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) and np.linalg.det(turn) > 0.0)
 
 
 def apply_joints(rig: MeshRig, places: dict[str, FloatArray], vertices: FloatArray, path: Path) -> MeshRig:
@@ -92,7 +119,7 @@ def apply_joints(rig: MeshRig, places: dict[str, FloatArray], vertices: FloatArr
         path: of the file, for messages.
 
     Raises:
-        FormatError: the template has no such joint, or a place is far from the mesh.
+        FormatError: the template has no such joint, or a place is far from the mesh or that of the joint above.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     room = _ROOM * float((high - low).max())
@@ -103,4 +130,9 @@ def apply_joints(rig: MeshRig, places: dict[str, FloatArray], vertices: FloatArr
         if (place < low - room).any() or (place > high + room).any():
             raise FormatError(f"{path}: the joint {role} at {place.round(3).tolist()} is far from the mesh, which "
                               f"reaches from {low.round(3).tolist()} to {high.round(3).tolist()} metres")  # fmt: skip
-    return replace(rig, places=rig.places | places)
+    out = rig.places | places
+    for role, above in rig.template.parents.items():
+        if above in out and np.linalg.norm(out[role] - out[above]) < _APART * float((high - low).max()):
+            raise FormatError(f"{path}: the joints {above} and {role} are in one place; move one of them, or leave it "
+                              "out to be found")  # fmt: skip
+    return replace(rig, places=out)

@@ -183,8 +183,7 @@ def _stand(whole: Repaired) -> tuple[Orientation, Repaired, BoolArray]:
     """How a body stands, its surface without what it holds, and which islands that is."""
     coarse = fill_volume(whole.vertices, whole.triangles, _COARSE)
     if coarse.bodies > 1:
-        raise MuybridgeError(f"shows {coarse.bodies} bodies apart from each other; save each in a file of its own",
-                             remedy="mesh_repair")  # fmt: skip
+        raise MuybridgeError(f"shows {coarse.bodies} bodies apart from each other; save each in a file of its own")
     best, none = find_orientation(coarse), np.zeros(int(whole.island.max()) + 1, np.bool_)
     if len(none) == 1:
         return best, whole, none

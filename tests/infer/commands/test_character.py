@@ -140,16 +140,52 @@ def test_other_mistakes_are_refused_in_one_line(tmp_path, hero, capsys):
                        ("[joints]\nhips = [0, 0, 90.0]", "far from the mesh"), ("x = 1", "table [joints]"),
                        ('template = "x"\n[joints]\nhips = [0, 0, 1]', "unknown template"),
                        ("placed = [1]\n[joints]\nhips = [0, 0, 1]", "three rows"),
+                       ("placed = [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]\n[joints]\nhips = [0, 0, 1]", "three rows"),
+                       ("template = []\n[joints]\nhips = [0, 0, 1]", "unknown template"),
+                       (f"[joints]\nhips = [1{'0' * 400}, 0, 1]", "three finite"),
+                       ("[joints]\nhips = [true, 0, 1]", "three finite"),
+                       ("[joints]\nhips = [0, 0, 1]\nspine = [0, 0, 1]", "hips and spine are in one place"),
                        ("not toml", "joints.toml")):  # fmt: skip
         toml.write_text(text)
         assert said in refused(capsys, hero, rig_only=True, out=tmp_path / "b.glb", joints=toml)
     assert not (tmp_path / "b.glb").exists()
 
 
+def test_options_that_cannot_be_meant_are_refused_before_any_work(tmp_path, hero, capsys):
+    out = tmp_path / "new" / "a.glb"
+    for height in (0.0, -1.0, float("nan"), float("inf"), 180.0):
+        assert "--height" in refused(capsys, hero, rig_only=True, out=out, height=height)
+    toml = tmp_path / "joints.toml"
+    assert "with --write-joints" in refused(capsys, hero, rig_only=True, out=out, height=1.8, joints=toml)
+    assert "frames per second" in refused(capsys, hero, motion=(hero,), out=out, fps=0.0)
+    assert "only with motion" in refused(capsys, hero, write_joints=toml, out=out)
+    assert "of their own" in refused(capsys, hero, rig_only=True, write_joints=out, out=out)
+    (tmp_path / "b.glb").mkdir()
+    assert "is a folder" in refused(capsys, hero, rig_only=True, out=tmp_path / "b.glb")
+    refused(capsys, tmp_path / "missing.obj", rig_only=True, out=out)
+    assert not out.parent.exists() and not toml.exists()
+
+
+def test_a_file_of_all_joints_rigs_a_mesh_that_is_refused_without(tmp_path, hero, capsys):
+    toml = tmp_path / "joints.toml"
+    assert character(hero, write_joints=toml) == 0
+    lines = [line for line in toml.read_text().splitlines() if not line.startswith("placed")]
+    toml.write_text("\n".join(lines))
+    vertices, triangles = person(40.0)[:2]
+    two = obj(tmp_path / "two.obj", *together([(vertices, triangles), (vertices + [1.7, 0, 0], triangles)]))
+    assert "2 bodies" in refused(capsys, two, rig_only=True, out=tmp_path / "a.glb")
+    assert character(two, rig_only=True, out=tmp_path / "a.glb", joints=toml) == 0
+    assert "was written for hero.obj, not for two.obj" in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_rigged_file_goes_to_retarget(tmp_path, hero, capsys):
     assert character(hero, rig_only=True, out=tmp_path / "a.glb") == 0
     line = refused(capsys, tmp_path / "a.glb", rig_only=True, out=tmp_path / "b.glb")
     assert "muybridge retarget TAKE --to" in line and "a.glb" in line
+    spaced = (tmp_path / "a.glb").rename(tmp_path / "my hero.glb")
+    take = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0)))
+    line = refused(capsys, spaced, motion=(take,), out=tmp_path / "b.glb")
+    assert f"`muybridge retarget {take} --to '{spaced}'`" in line
 
 
 def test_influences_are_the_largest_and_sum_to_one():
