@@ -1,6 +1,7 @@
 """Joints in a file that a user corrects: written from what was found, and applied again."""
 
 import json
+import math
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,8 +36,10 @@ def write_joints(path: Path, mesh: Path, rig: MeshRig) -> None:
     head = [_HEAD.format(mesh=name), f"mesh = {json.dumps(name, ensure_ascii=False)}",
             f'template = "{rig.template.name}"', f"placed = [{rows}]\n"]  # fmt: skip
     lines = [*head, "[joints]"]
+    extent = float(np.ptp(rig.joints, axis=0).max())
+    digits = max(4, 4 - math.floor(math.log10(max(extent, 1e-12))))  # small figures need more
     for role in rig.template.roles:
-        lines.append(f"{role} = [{', '.join(f'{v + 0.0:.4f}' for v in rig.places[role])}]")
+        lines.append(f"{role} = [{', '.join(f'{v + 0.0:.{digits}f}' for v in rig.places[role])}]")
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
@@ -96,7 +99,9 @@ def _matrix(path: Path, rows: Any) -> FloatArray | None:
     except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
     if matrix.shape != (4, 4) or not _is_similarity(matrix):
-        raise FormatError(f"{path}: `placed` must be three rows of four numbers; leave it as it was written")
+        raise FormatError(
+            f"{path}: `placed` must be three rows of four numbers that turn, scale and move; leave it as it was written"
+        )
     return matrix
 
 

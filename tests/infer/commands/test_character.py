@@ -2,6 +2,7 @@
 
 import sys
 import types
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from muybridge.infer.commands.motion.character import character
 from muybridge.infer.commands.remedies import error_line
 from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
+from muybridge.motion.character.rigging import rig_mesh
+from muybridge.motion.character.rigging.joints_file import read_joints, write_joints
 from muybridge.motion.formats.registry import read_file
 from tests.geometry.roles.bodies import human
 from tests.infer.commands.test_retarget import body_file
@@ -176,6 +179,14 @@ def test_a_file_of_all_joints_rigs_a_mesh_that_is_refused_without(tmp_path, hero
     assert "2 bodies" in refused(capsys, two, rig_only=True, out=tmp_path / "a.glb")
     assert character(two, rig_only=True, out=tmp_path / "a.glb", joints=toml) == 0
     assert "was written for hero.obj, not for two.obj" in " ".join(capsys.readouterr().err.split())
+
+
+def test_joints_of_a_small_figure_keep_their_places(tmp_path, hero):
+    rig = rig_mesh(*person(40.0)[:2])
+    small = replace(rig, places={role: 1e-3 * place for role, place in rig.places.items()})
+    write_joints(tmp_path / "joints.toml", hero, small)
+    places = read_joints(tmp_path / "joints.toml").places
+    assert max(np.abs(places[role] - place).max() for role, place in small.places.items()) < 1e-6
 
 
 def test_a_rigged_file_goes_to_retarget(tmp_path, hero, capsys):
