@@ -116,7 +116,8 @@ COMMANDS_WITH_OUT = {
     "label": ["FILE"], "solve": ["FILE"], "markerset": ["show", "pig39"], "calibrate board": ["FOLDER"],
     "calibrate check": ["SESSION"], "calibrate people": ["SESSION"], "calibrate points": ["FILE"],
     "calibrate scan": ["FOLDER", "--cameras", "FOLDER"], "calibrate world": ["FILE", "--turn-deg", "90"],
-    "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"], "view": ["FILE"],
+    "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"],
+    "character": ["FILE", "--rig-only"], "view": ["FILE"],
 }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -151,7 +152,7 @@ def test_files_of_other_units_are_told(walk: Path, tmp_path: Path, capsys: pytes
     path = tmp_path / "large.glb"
     write_file(path, Take(motion=scale(motion, 100.0)))
     assert view((walk, path), no_open=True) == 0
-    assert "`muybridge edit large.glb scale 0.01 large_scaled.glb`" in capsys.readouterr().err
+    assert f"`muybridge edit {shlex.quote(str(path))} scale 0.01 large_scaled.glb`" in capsys.readouterr().err
     assert view((walk, walk), no_open=True) == 0
     assert not capsys.readouterr().err
 
