@@ -64,10 +64,7 @@ class Surface:
     @cached_property
     def islands(self) -> IndexArray:
         """(P,) the number of the connected part that a point belongs to, from 0."""
-        count = len(self.points)
-        a, b = self.edges.T
-        links = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
-        return np.asarray(connected_components(links, directed=False)[1], np.intp)
+        return connected_parts(self.triangles, len(self.points))
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -146,6 +143,13 @@ def join_vertices(positions: FloatArray, triangles: IntArray, marks: FloatArray 
     _, first, point_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     joined = point_of.ravel()[triangles].reshape(-1, 3)
     return Surface(np.asarray(positions[first], np.float64), _proper(joined), point_of.ravel())
+
+
+def connected_parts(triangles: IntArray, count: int) -> IndexArray:
+    """(count,) the number of the connected part that a point belongs to, from 0, by triangles (F, 3) of points."""
+    a, b = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    links = sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], np.intp)
 
 
 def _proper(triangles: IntArray) -> IntArray:

@@ -6,8 +6,8 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import MuybridgeError
-from muybridge.files import replacing
 from muybridge.infer.commands.motion.retarget_robot import RobotRequest, run_retarget_robot
+from muybridge.infer.commands.motion.role_maps import write_map
 from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.characters.retarget import (
     PLACE_UNITS,
@@ -28,7 +28,6 @@ from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.points.common import check_fps
-from muybridge.motion.formats.registry import can_use
 from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.motion.robots.read import is_robot
 
@@ -87,7 +86,8 @@ def retarget(
     progress = Progress()
     target = _read_target(to, map, progress)
     if suggest_map:
-        return _suggest(target, out or Path(f"{to.stem}.map.toml"), overwrite)
+        path = out or Path(f"{to.stem}.map.toml")
+        return write_map(path, suggest(target), to, overwrite, describe_roles(target))
     target.roles.require(str(to))
     found = takes_of(takes, take_clip, but=to)
     for notice in found.notices:
@@ -102,9 +102,8 @@ def retarget(
     options = RetargetOptions(plant=plant, touch=touch)
 
     def put(file: Path) -> Placed:
-        clip = take_clip if can_use(file, "clip") else None
         with Progress() as shown, shown.task(f"{file.name} on {to.name}", READ_UNITS + PLACE_UNITS) as task:
-            one = place(file, target, name_of[file], options, fps, clip, take_map, task.advance)
+            one = place(file, target, name_of[file], options, fps, take_clip, take_map, task.advance)
         for notice in one.notices:
             progress.notice(notice)
         print(measures(one), flush=True)
@@ -142,12 +141,3 @@ def _write(placed: list[Placed], target: Target, paths: list[Path], progress: Pr
     for notice in notices:
         progress.notice(notice)
     print("\n".join(str(path) for path in paths))
-
-
-def _suggest(target: Target, path: Path, overwrite: bool) -> int:
-    """Write the map of the character's roles."""
-    check_replaceable([path], overwrite, [target.character.path], make_folders=False)
-    with replacing(path) as temporary:
-        temporary.write_text(suggest(target), encoding="utf-8", newline="\n")
-    print(f"{describe_roles(target)}\n{path}: correct what is wrong in it, and give it with --map")
-    return 0

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-from muybridge.files import replacing
 from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.roles import load_role_map
+from muybridge.infer.commands.motion.role_maps import write_map
 from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.characters.retarget import read_take
 from muybridge.infer.pipelines.characters.takes import take_names, takes_of
@@ -15,7 +15,6 @@ from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.editing.resampling import resample
-from muybridge.motion.formats.registry import can_use
 from muybridge.motion.robots._solver_kernel import assemble
 from muybridge.motion.robots.link_roles import find_link_roles
 from muybridge.motion.robots.read import read_robot
@@ -72,7 +71,8 @@ def run_retarget_robot(request: RobotRequest) -> int:
         progress.notice(f"{request.to.name}: {notice}")
     print(f"{request.to.name}: {len(robot.joints)} joints, legs and arms found by {parts.how}")
     if request.suggest:
-        return _suggest(robot, parts.table(robot), request)
+        path = request.out or Path(f"{request.to.stem}.map.toml")
+        return write_map(path, suggest_link_map(robot, parts.table(robot)), request.to, request.overwrite)
     takes = takes_of(request.takes, request.take_clip)
     files = takes.files
     for notice in takes.notices:
@@ -93,16 +93,6 @@ def run_retarget_robot(request: RobotRequest) -> int:
     tried = try_each(files, put, print_error)
     tried.report_failures("takes")
     return tried.exit_code
-
-
-def _suggest(robot: Robot, table: dict[str, str], request: RobotRequest) -> int:
-    """Write the map of the robot's links."""
-    path = request.out or Path(f"{request.to.stem}.map.toml")
-    check_replaceable([path], request.overwrite, [request.to], make_folders=False)
-    with replacing(path) as temporary:
-        temporary.write_text(suggest_link_map(robot, table), encoding="utf-8", newline="\n")
-    print(f"{path}: correct what is wrong in it, and give it with --map")
-    return 0
 
 
 def suggest_link_map(robot: Robot, table: dict[str, str]) -> str:
@@ -147,7 +137,7 @@ def describe(file: Path, take: RobotTake) -> str:
 def _place(
     file: Path, robot: Robot, chosen: dict[str, str] | None, request: RobotRequest, progress: Progress
 ) -> RobotTake:
-    motion, roles, notices = read_take(file, request.take_clip if can_use(file, "clip") else None, request.take_map)
+    motion, roles, notices = read_take(file, request.take_clip, request.take_map)
     if request.fps and abs(request.fps - motion.fps) > 1e-6 * request.fps and len(motion) > 1:
         notices.append(f"{file.name}: resampled from {motion.fps:g} to {request.fps:g} frames per second, as asked")
         motion = resample(motion, request.fps)

@@ -1,9 +1,8 @@
 """A mesh without a skeleton made into a character: read, rigged, weighted, and moved by takes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,8 +24,6 @@ from muybridge.motion.retargeting.solver import RetargetOptions
 
 OUTPUTS = (".glb", ".vrm")
 INFLUENCES = 4
-# (V, 3) metres, (F, 3), (J, 3) metres, (J,) -> (V, J), dense or sparse.
-Weigh = Callable[[FloatArray, IntArray, FloatArray, IntArray], Any]
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.25, 4.0  # metres between which a file without a unit is taken to be in metres
 
 
@@ -103,29 +100,27 @@ def _in_metres(mesh: StaticMesh) -> tuple[StaticMesh, tuple[str, ...]]:
         f"{mesh.path.name}: is {tall:.4g} units large, of no known unit, and was made 1.7 m",)  # fmt: skip
 
 
-def influences(weights: Any, most: int = INFLUENCES) -> tuple[IntArray, FloatArray]:
+def influences(weights: FloatArray, most: int = INFLUENCES) -> tuple[IntArray, FloatArray]:
     """(V, K) joints and (V, K) weights, the largest of (V, J), each row's sum one."""
-    dense = np.asarray(weights.toarray() if hasattr(weights, "toarray") else weights, float)
-    joints = np.argsort(-dense, axis=1, kind="stable")[:, :most]
-    values = np.take_along_axis(dense, joints, axis=1)
+    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
+    values = np.take_along_axis(weights, joints, axis=1)
     values = values / np.maximum(values.sum(axis=1, keepdims=True), 1e-12)
     return joints.astype(np.int64), values
 
 
-def write_rigged(rigged: Rigged, path: Path, weigh: Weigh | None = None) -> None:
+def write_rigged(rigged: Rigged, path: Path) -> None:
     """Weight a mesh to its skeleton, and write both at rest.
 
     Args:
         rigged: to write.
         path: `.glb` or `.vrm`.
-        weigh: makes the weights; None for the toolkit's own.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    weigh = skin_weights if weigh is None else weigh
     rig, mesh = rigged.rig, rigged.mesh
-    joints, weights = influences(weigh(mesh.vertices, mesh.triangles, rig.joints, np.asarray(rig.parents, np.int64)))
+    parents = np.asarray(rig.parents, np.int64)
+    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents))
     if len(rig.held):
         carried = rig.held >= 0
         joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]

@@ -6,10 +6,9 @@ The mesh that is written keeps its own vertices; only its faces are turned where
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from muybridge.arrays import FloatArray, IntArray
+from muybridge.motion.character.surface import connected_parts
 
 _WELD = 1e-5  # of the extent: vertices that are nearer are one
 _CLOSED = 0.05  # volume of an island, as a share of its box, below which its orientation says nothing
@@ -61,10 +60,7 @@ def _islands(faces: IntArray, count: int) -> IntArray:
     """(F,) the connected part of each face."""
     if not len(faces):
         return np.zeros(0, np.int64)
-    rows = np.concatenate([faces[:, 0], faces[:, 1]])
-    columns = np.concatenate([faces[:, 1], faces[:, 2]])
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1]
+    label = connected_parts(faces, count)
     return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 

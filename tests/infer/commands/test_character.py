@@ -1,7 +1,5 @@
-"""The command character, run for real on a figure of capsules; weights by the nearest bone stand in."""
+"""The command character, run for real on a figure of capsules."""
 
-import sys
-import types
 from dataclasses import replace
 
 import numpy as np
@@ -18,25 +16,6 @@ from muybridge.motion.formats.registry import read_file
 from tests.geometry.roles.bodies import human
 from tests.infer.commands.test_retarget import body_file
 from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, person, together
-
-
-def nearest_bone(vertices, triangles, joints, parents, method="auto"):
-    """(V, J) all of a vertex's weight on the joint above the nearest bone."""
-    bones = [(j, joints[j], joints[k]) for k, j in enumerate(parents) if j >= 0]
-    away = []
-    for _, a, b in bones:
-        t = np.clip((vertices - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
-        away.append(np.linalg.norm(vertices - a - t[:, None] * (b - a), axis=1))
-    out = np.zeros((len(vertices), len(joints)))
-    out[np.arange(len(vertices)), np.array([j for j, _, _ in bones])[np.argmin(away, axis=0)]] = 1.0
-    return out
-
-
-@pytest.fixture(autouse=True)
-def weights(monkeypatch):
-    module = types.ModuleType("muybridge.motion.character.weights")
-    module.skin_weights = nearest_bone
-    monkeypatch.setitem(sys.modules, module.__name__, module)
 
 
 def obj(path, vertices, triangles, scale=1.0):
