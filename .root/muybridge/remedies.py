@@ -46,6 +46,7 @@ REMEDIES: dict[str, str] = {
     "other_folder": "choose another folder",
     "other_name": "choose another name",
     "other_session": "choose another folder, or pass overwrite=True",
+    "other_skeleton": "put it onto the same skeleton first with muybridge.motion.retargeting.retarget",
     "overwrite": "choose another name, or pass overwrite=True",
     "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",

@@ -53,6 +53,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
     "other_session": "choose another --out, or give --overwrite",
+    "other_skeleton": "put it onto the same skeleton first: `muybridge retarget TAKE --to CHARACTER --out OUT`",
     "overwrite": "choose another name, or give --overwrite",
     "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
