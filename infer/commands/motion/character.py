@@ -61,7 +61,7 @@ def character(
     Args:
         mesh: .glb, .gltf, .vrm, .fbx, .obj, .ply or .stl.
         motion: files of motion, folders of them, session folders.
-        out: file to write, .glb, .vrm or .fbx (default: MESH_rigged.glb in the current folder).
+        out: file to write: .glb, .vrm, .fbx, .usdc, .usda or .usdz (default: MESH_rigged.glb in the current folder).
         template: skeleton to put in.
         rig: whose names the joints get.
         rig_only: write the rigged mesh in its rest pose, without motion.

@@ -16,6 +16,7 @@ from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_fbx import write_skinned_fbx
 from muybridge.motion.character.meshes.write_gltf import write_skinned_glb
+from muybridge.motion.character.meshes.write_usd import USD_SUFFIXES, require_usd, write_skinned_usd
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
 from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
@@ -165,13 +166,20 @@ def _write_gltf(path: Path, bound: BoundMesh, _: Sequence[NamedMotion]) -> tuple
 
 
 Writer = Callable[[Path, BoundMesh, Sequence[NamedMotion]], tuple[str, ...]]
-OUTPUTS: dict[str, Writer] = {".glb": _write_gltf, ".vrm": _write_gltf, ".fbx": write_skinned_fbx}
+OUTPUTS: dict[str, Writer] = {
+    ".glb": _write_gltf,
+    ".vrm": _write_gltf,
+    ".fbx": write_skinned_fbx,
+    **dict.fromkeys(USD_SUFFIXES, write_skinned_usd),
+}
 
 
 def check_character_output(out: Path) -> None:
-    """MuybridgeError where a file is of a format that holds no skinned mesh of ours."""
+    """MuybridgeError where a file is of a format that holds no skinned mesh of ours, or that needs an extra."""
     if out.is_dir():
         raise MuybridgeError(f"{out}: is a folder", remedy="other_name")
     if out.suffix.lower() not in OUTPUTS:
         *first, last = OUTPUTS
         raise MuybridgeError(f"{out}: a character is written as {', '.join(first)} or {last}", remedy="other_name")
+    if out.suffix.lower() in USD_SUFFIXES:
+        require_usd(out)

@@ -8,6 +8,7 @@ from .static_mesh import StaticMesh as StaticMesh
 from .static_mesh import Surface as Surface
 from .write_fbx import write_skinned_fbx as write_skinned_fbx
 from .write_gltf import write_skinned_glb as write_skinned_glb
+from .write_usd import write_skinned_usd as write_skinned_usd
 
 __all__ = [
     "MESH_SUFFIXES",
@@ -20,4 +21,5 @@ __all__ = [
     "read_mesh",
     "write_skinned_fbx",
     "write_skinned_glb",
+    "write_skinned_usd",
 ]
