@@ -18,7 +18,15 @@ from tests.motion.editing.clips import walk
 from tests.motion.retargeting.test_retarget import character, moving
 
 STRANGE = ("unreal", "blender", "cartoon", "quaternius", "mmd", "wings")
-WORDS = {"trim": "0.1", "resample": "50", "turn": "30", "move": "1 0 0", "rename": "mixamo", "scale": "1.1"}
+WORDS = {
+    "trim": "0.1",
+    "resample": "50",
+    "turn": "30",
+    "move": "1 0 0",
+    "rename": "mixamo",
+    "scale": "1.1",
+    "bands": "1 1 1.2 keep",
+}
 
 
 def strange(habit, turn=None, frames=40):

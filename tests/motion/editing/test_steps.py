@@ -17,7 +17,7 @@ from tests.motion.editing.clips import CLIPS, FPS, points, walk
 EXAMPLES = {
     "trim": "0.5 1.5", "resample": "30", "mirror": "", "loop": "0.5 1.6", "in-place": "", "root-motion": "",
     "turn": "90", "move": "1 0 5cm", "floor": "", "plant": "", "smooth": "6", "reduce": "2", "rename": "mixamo",
-    "scale": "120%",
+    "scale": "120%", "bands": "1 1 1.5 0.5 keep",
 }  # fmt: skip
 
 
