@@ -165,7 +165,8 @@ def keys_of_motion(poses: Motion, motion: Motion, times: Sequence[float] = ()) -
     away = np.linalg.norm(own.offsets - skeleton.offsets[here], axis=1)
     away[0] = 0.0
     size = np.ptp(skeleton.rest_positions, axis=0).max()
-    rigid = np.array([j not in own.sliding for j in range(len(own))])
+    slides = {*skeleton.sliding}
+    rigid = np.array([j not in own.sliding and here[j] not in slides for j in range(len(own))])
     if (away * rigid).max() > 0.01 * size:
         j = int(np.argmax(away * rigid))
         raise MuybridgeError(f"the key poses' bone to {own.names[j]!r} differs by {away[j]:.3f} m from the motion's; "
@@ -177,11 +178,11 @@ def keys_of_motion(poses: Motion, motion: Motion, times: Sequence[float] = ()) -
     keyed[here] = True
     quat = motion.quat_wxyz[frames].copy()
     quat[:, here] = poses.quat_wxyz
-    slides = None
-    if motion.translations is not None and poses.translations is not None:
-        slides = motion.translations[frames].copy()
-        for k, j in enumerate(own.sliding):
-            if (to := here[j]) in skeleton.sliding:
-                slides[:, skeleton.sliding.index(to)] = poses.translations[:, k]
+    translations = None if motion.translations is None else motion.translations[frames].copy()
+    for j, to in enumerate(here):
+        if translations is not None and to in slides:  # a single pose has no sliding joints: its bones hold the place
+            k = skeleton.sliding.index(to)
+            moving = poses.translations is not None and j in own.sliding
+            translations[:, k] = poses.translations[:, own.sliding.index(j)] if moving else own.offsets[j]
     root = poses.root_positions_world if here[0] == 0 else None
-    return KeyPoses(frames, quat, keyed, root, slides)
+    return KeyPoses(frames, quat, keyed, root, translations)
