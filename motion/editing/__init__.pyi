@@ -1,4 +1,5 @@
 from .arguments import Parameter as Parameter
+from .arguments import Step as Step
 from .channels import check_editable as check_editable
 from .cutting import join as join
 from .cutting import trim as trim
@@ -28,7 +29,6 @@ from .root_path import with_path as with_path
 from .root_path import without_path as without_path
 from .steps import STEPS as STEPS
 from .steps import Call as Call
-from .steps import Step as Step
 from .steps import edit_take as edit_take
 from .steps import parse_steps as parse_steps
 
