@@ -1,7 +1,7 @@
 from .retarget import read_target as read_target
 from .retarget import retarget_results as retarget_results
 from .rigging import bind_mesh as bind_mesh
-from .rigging import rig_file as rig_file
+from .rigging import rig_static as rig_static
 from .rigging import write_bound as write_bound
 from .takes import find_takes as find_takes
 
@@ -10,6 +10,6 @@ __all__ = [
     "find_takes",
     "read_target",
     "retarget_results",
-    "rig_file",
+    "rig_static",
     "write_bound",
 ]

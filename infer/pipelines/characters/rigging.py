@@ -12,7 +12,6 @@ from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, write_placed
 from muybridge.motion.character.meshes.bound_mesh import BoundMesh, NamedMotion
-from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_fbx import write_skinned_fbx
 from muybridge.motion.character.meshes.write_gltf import write_skinned_glb
@@ -42,20 +41,22 @@ class Rigged:
     notices: tuple[str, ...]
 
 
-def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height: float | None = None) -> Rigged:
-    """Read a mesh, and put a skeleton into it.
+def rig_static(
+    mesh: StaticMesh, options: RigOptions, joints: Path | None = None, height: float | None = None
+) -> Rigged:
+    """Put a skeleton into a mesh.
 
     Args:
-        path: of the mesh.
+        mesh: as its file has it.
         options: of rigging.
         joints: file of places that are known.
         height: metres that the body is tall; None: as the file has it.
 
     Raises:
-        FormatError: a file cannot be read, or has a skin.
+        FormatError: the file of joints cannot be read.
         MuybridgeError: the mesh shows no body of the template.
     """
-    mesh = read_mesh(path)
+    path = mesh.path
     known = KnownJoints(None, {})
     if joints is not None:
         known = read_joints(joints)

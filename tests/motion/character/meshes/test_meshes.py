@@ -182,6 +182,18 @@ def test_other_files_are_refused(tmp_path):
     (tmp_path / "b.glb").write_bytes(b"glTF\2\0\0\0\x10\0\0\0junk")
     with pytest.raises(FormatError, match="b.glb"):
         read_mesh(tmp_path / "b.glb")
+    for content in (b"", b"\n\n", bytes(64)):  # a file that was never written to its end
+        (tmp_path / "c.glb").write_bytes(content)
+        with pytest.raises(FormatError, match=r"c\.glb: is empty"):
+            read_mesh(tmp_path / "c.glb")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_an_obj_may_be_saved_as_utf_16(tmp_path, body, encoding):
+    vertices, triangles = body[:2]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a} {b} {c}" for a, b, c in triangles + 1]
+    (tmp_path / "a.obj").write_text("\n".join(lines), encoding=encoding)
+    assert len(read_mesh(tmp_path / "a.obj").triangles) == len(triangles)
 
 
 def test_a_skinned_file_is_read_as_it_was_written(tmp_path):
