@@ -104,9 +104,8 @@ def character(
         raise MuybridgeError(f"{write_joints}: the joints need a file of their own", remedy="other_name")
     check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])], make_folders=False)
     body = _read(mesh, motion)
-    textures = texture_folder(out, body) if out in writes and out.suffix.lower() in USD_SUFFIXES else None
-    if textures is not None and not (out.is_file() and bears_mark(out)):  # then they are ours, too
-        check_replaceable([textures], overwrite, [mesh, *takes], make_folders=False)
+    if out in writes:
+        _check_textures(out, body, overwrite, (mesh, *takes))
     # Before the joints are looked for, which takes longer: a take that cannot be read is known at once.
     tried = try_each(takes, read_take, print_error)
     if takes and not tried.done:
@@ -135,6 +134,13 @@ def _read(mesh: Path, motion: Sequence[Path]) -> StaticMesh:
         if error.remedy == "has_skin" and motion:
             error.details["takes"] = shlex.join(str(take) for take in motion)
         raise
+
+
+def _check_textures(out: Path, body: StaticMesh, overwrite: bool, inputs: Sequence[Path]) -> None:
+    """Refuse to write over a folder of textures beside a USD file; that of a file of ours is ours, too."""
+    folder = texture_folder(out, body) if out.suffix.lower() in USD_SUFFIXES else None
+    if folder is not None and not (out.is_file() and bears_mark(out)):
+        check_replaceable([folder], overwrite, inputs, make_folders=False)
 
 
 def _write(
