@@ -12,6 +12,7 @@ from muybridge.errors import FormatError, MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.commands.remedies import print_error
+from muybridge.infer.pipelines.characters.baking import bake_takes, check_baked
 from muybridge.infer.pipelines.characters.retarget import measures, put_on, read_take
 from muybridge.infer.pipelines.characters.rigging import (
     Rigged,
@@ -30,6 +31,7 @@ from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_usd import USD_SUFFIXES, texture_folder
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
 from muybridge.motion.character.rigging.rig import RigOptions
+from muybridge.motion.character.skinning import BakeOptions
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.wording import counted
@@ -54,6 +56,7 @@ def character(
     clip_name: str | None = None,
     fps: float | None = None,
     plant: bool = True,
+    skinning: Literal["linear", "spherical", "dual-quaternion", "rotation-centres", "delta-mush"] = "linear",
     overwrite: bool = False,
 ) -> int:
     """Put a skeleton into a mesh that has none, skin it, and move it by takes.
@@ -80,6 +83,7 @@ def character(
         clip_name: name of the clip (default: that of the take's file).
         fps: frames per second of the clips (default: the take's).
         plant: plant feet, and put soles on the floor.
+        skinning: method that bends the mesh; others than linear are baked into a .glb or .vrm as morph targets.
         overwrite: replace files that are there.
     """
     if not motion and not rig_only and write_joints is None:
@@ -95,6 +99,7 @@ def character(
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
+    check_baked(out, skinning, len(motion) if not rig_only else 0)
     found_takes = Takes(()) if rig_only or not motion else find_takes(motion)
     takes = found_takes.files
     if takes and template == "quadruped":
@@ -120,7 +125,7 @@ def character(
         if write_joints is not None:
             write_joints_file(write_joints, mesh, found.rig)
         if takes or rig_only:
-            _write(progress, found, tried.done, out, clip_name, fps, plant)
+            _write(progress, found, tried.done, out, clip_name, fps, plant, skinning)
     print("\n".join(str(path) for path in writes))
     tried.report_failures("takes")
     return tried.exit_code
@@ -145,7 +150,7 @@ def _check_textures(out: Path, body: StaticMesh, overwrite: bool, inputs: Sequen
 
 def _write(
     progress: Progress, found: Rigged, takes: Mapping[Path, tuple[Motion, RoleMap, list[str]]], out: Path,
-    clip_name: str | None, fps: float | None, plant: bool,
+    clip_name: str | None, fps: float | None, plant: bool, skinning: str,
 ) -> None:  # fmt: skip
     """Skin a rigged mesh, and write it at rest or moved."""
     vrm = out.suffix.lower() == ".vrm"
@@ -162,6 +167,10 @@ def _write(
                     placed.append(put_on(path, take, target, name, RetargetOptions(plant=plant), fps))
                     task.advance()
         notices = write_bound(bound, out, target, placed)
+        if target is not None and skinning != "linear":
+            with progress.task(f"baking {skinning} skinning", 1) as task:
+                notices.append(bake_takes(out, target, placed, skinning, BakeOptions()))
+                task.advance()
     for notice in dict.fromkeys([*(n for one in placed for n in one.notices), *notices]):
         progress.notice(notice)
     for one in placed:
