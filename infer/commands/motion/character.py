@@ -86,16 +86,8 @@ def character(
         skinning: method that bends the mesh; others than linear are baked into a .glb or .vrm as morph targets.
         overwrite: replace files that are there.
     """
-    if not motion and not rig_only and write_joints is None:
-        raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
-    if out is not None and not motion and not rig_only:
-        raise MuybridgeError(f"{out} is written only with motion; give takes with --motion, or --rig-only")
+    _check_options(motion, out, rig_only, joints, write_joints, height)
     check_fps(fps)
-    if height is not None and not 0.0 < height <= _TALLEST:
-        raise MuybridgeError(f"--height is in metres, above 0 and at most {_TALLEST:g}, such as 1.8, not {height:g}")
-    if height is not None and joints is not None:
-        raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
-                             "was written for; give --height together with --write-joints")  # fmt: skip
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
@@ -129,6 +121,22 @@ def character(
     print("\n".join(str(path) for path in writes))
     tried.report_failures("takes")
     return tried.exit_code
+
+
+def _check_options(
+    motion: Sequence[Path], out: Path | None, rig_only: bool, joints: Path | None, write_joints: Path | None,
+    height: float | None,
+) -> None:  # fmt: skip
+    """MuybridgeError for options that cannot be meant together."""
+    if not motion and not rig_only and write_joints is None:
+        raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
+    if out is not None and not motion and not rig_only:
+        raise MuybridgeError(f"{out} is written only with motion; give takes with --motion, or --rig-only")
+    if height is not None and not 0.0 < height <= _TALLEST:
+        raise MuybridgeError(f"--height is in metres, above 0 and at most {_TALLEST:g}, such as 1.8, not {height:g}")
+    if height is not None and joints is not None:
+        raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
+                             "was written for; give --height together with --write-joints")  # fmt: skip
 
 
 def _read(mesh: Path, motion: Sequence[Path]) -> StaticMesh:
