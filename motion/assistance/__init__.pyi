@@ -1,0 +1,19 @@
+from .assist import Assisted as Assisted
+from .assist import AssistOptions as AssistOptions
+from .assist import assist as assist
+from .assist import driving_joints as driving_joints
+from .assist import still_joints as still_joints
+from .takes import CapturedTake as CapturedTake
+from .takes import bring_take as bring_take
+from .takes import mirrored as mirrored
+
+__all__ = [
+    "AssistOptions",
+    "Assisted",
+    "CapturedTake",
+    "assist",
+    "bring_take",
+    "driving_joints",
+    "mirrored",
+    "still_joints",
+]
