@@ -20,6 +20,7 @@ from .placing import scale as scale
 from .placing import turn as turn
 from .reducing import Reduced as Reduced
 from .reducing import reduce_keys as reduce_keys
+from .resampling import motion_at as motion_at
 from .resampling import resample as resample
 from .root_path import GroundPath as GroundPath
 from .root_path import extract_root_motion as extract_root_motion
@@ -41,6 +42,7 @@ __all__ = [
     "STEPS",
     "Sides",
     "Step",
+    "motion_at",
     "check_editable",
     "close_loop",
     "edit_take",

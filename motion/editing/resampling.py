@@ -39,7 +39,6 @@ def resample(thing: T, fps: float) -> T:
     count = frame_count(thing)
     new = int(np.floor((count - 1) / thing.fps * fps + _SAME_TIME)) + 1
     at = np.arange(new) * thing.fps / fps
-    at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
     if isinstance(thing, Motion):
         return cast(T, replace(motion_at(thing, at), fps=fps))  # type: ignore[redundant-cast]
     before, share = _places(at, count)
@@ -51,14 +50,15 @@ def motion_at(motion: Motion, at: FloatArray) -> Motion:
 
     Args:
         motion: of at least one frame.
-        at: (N,) in frames, from 0 to the last one.
+        at: (N,) in frames; others than from 0 to the last one are those of its ends.
     """
-    before, share = _places(at, len(motion))
+    before, share = _places(np.clip(at, 0, len(motion) - 1), len(motion))
     return per_channel(motion, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
 
 
 def _places(at: FloatArray, count: int) -> tuple[IndexArray, FloatArray]:
     """The frames before times in frames, and how much of the way to the next one has passed."""
+    at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
     before = np.clip(at.astype(np.intp), 0, count - 1)
     return before, np.asarray(at - before, dtype=np.float64)
 

@@ -111,4 +111,4 @@ def warp_time(motion: Motion, moments: Sequence[tuple[float, float]]) -> Motion:
         raise MuybridgeError(f"the warped clip would have {count:,} frames; {_MOST_FRAMES:,} are the most")
     at = warp(np.arange(count) / motion.fps) * motion.fps
     at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
-    return motion_at(motion, np.clip(at, 0, len(motion) - 1))
+    return motion_at(motion, at)
