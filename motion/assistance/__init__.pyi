@@ -1,6 +1,7 @@
 from .assist import Assisted as Assisted
 from .assist import AssistOptions as AssistOptions
 from .assist import assist as assist
+from .assist import check_keys as check_keys
 from .assist import driving_joints as driving_joints
 from .assist import still_joints as still_joints
 from .takes import CapturedTake as CapturedTake
@@ -13,6 +14,7 @@ __all__ = [
     "CapturedTake",
     "assist",
     "bring_take",
+    "check_keys",
     "driving_joints",
     "mirrored",
     "still_joints",

@@ -19,6 +19,7 @@ from muybridge.motion.assistance.fragments import (
     find_driving,
     signals_of,
     texture_bands,
+    with_parts,
 )
 from muybridge.motion.assistance.joining import joined_rotations, joined_vectors
 from muybridge.motion.assistance.matching import Match, match_fragments
@@ -63,6 +64,18 @@ class Assisted:
     driving: tuple[int, ...]
     wanted: tuple[Fragment, ...]
     match: Match
+
+
+def check_keys(keys: Motion) -> None:
+    """Check that a clip is long enough to be divided.
+
+    Raises:
+        MuybridgeError: it has too few frames.
+    """
+    check_editable(keys)
+    if len(keys) < _FEWEST:
+        raise MuybridgeError(f"the key frames have {counted(len(keys), 'frame')}; at least {_FEWEST} are needed, so "
+                             "write every frame of the animation")  # fmt: skip
 
 
 def still_joints(keys: Motion) -> tuple[int, ...]:
@@ -111,10 +124,7 @@ def assist(
         MuybridgeError: no takes, no joints, a clip of too few frames, or driving joints that do not move.
     """
     options = options or AssistOptions()
-    check_editable(keys)
-    if len(keys) < _FEWEST:
-        raise MuybridgeError(f"the key frames have {counted(len(keys), 'frame')}; at least {_FEWEST} are needed, so "
-                             "write every frame of the animation")  # fmt: skip
+    check_keys(keys)
     if not takes:
         raise MuybridgeError("no takes are given")
     if not made:
@@ -125,7 +135,7 @@ def assist(
     ours = signals_of(keys.quat_wxyz, common, keys.fps)
     theirs = [signals_of(take.motion.quat_wxyz, common, keys.fps) for take in takes]
     wanted = break_clip(ours, common, -1)
-    captured = [f for k, signals in enumerate(theirs) for f in break_clip(signals, common, k)]
+    captured = [f for k, signals in enumerate(theirs) for f in with_parts(break_clip(signals, common, k))]
     free = list(made)
     poses = [continuous_quat(take.motion.quat_wxyz[:, free]) for take in takes]
     match = match_fragments(wanted, ours, captured, theirs, common, poses, options.candidates)

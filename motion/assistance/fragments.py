@@ -5,7 +5,8 @@ signals are divided into frequency bands, and broken where the driving joint's c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,9 @@ FASTEST_HZ = 6.0  # movements that drive; what is faster is texture
 _SLOWEST_HZ = 0.4  # what is slower is posture
 _SHORTEST = 0.12  # seconds of a fragment
 _TURN = 0.15  # of the signal's standard deviation by which it must turn back for a fragment to end
+_PARTS = (0.25, 0.5, 0.75)  # of a fragment at the start or the end of a clip
+
+Part = Literal["whole", "tail", "head"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,8 @@ class Fragment:
         number: within the clip; the next fragment of the same clip begins where this one ends.
         start, end: frames, both inside.
         rises: whether the main movement ascends.
+        part: `whole`, or the `tail` or `head` of one, which may stand at the start or the end of a clip alone: there
+            the movement of key frames begins and ends anywhere.
     """
 
     clip: int
@@ -72,6 +78,7 @@ class Fragment:
     start: int
     end: int
     rises: bool
+    part: Part = "whole"
 
 
 def find_driving(quat_wxyz: FloatArray, joints: Sequence[int], fps: float) -> Driving:
@@ -158,6 +165,16 @@ def break_clip(signals: Signals, driving: Driving, clip: int) -> list[Fragment]:
     out = []
     for number, (a, b) in enumerate(zip(turns, turns[1:], strict=False)):
         out.append(Fragment(clip, number, a, b, bool(signals.main[b] > signals.main[a])))
+    return out
+
+
+def with_parts(fragments: Sequence[Fragment]) -> list[Fragment]:
+    """The fragments, and behind them tails and heads of each."""
+    out = list(fragments)
+    for f in fragments:
+        cuts = sorted({f.start + round(share * (f.end - f.start)) for share in _PARTS} - {f.start, f.end})
+        out += [replace(f, start=cut, part="tail") for cut in cuts]
+        out += [replace(f, end=cut, part="head") for cut in cuts]
     return out
 
 

@@ -60,11 +60,12 @@ def bring_take(
         raise MuybridgeError(f"{name}: has {counted(len(take), 'frame')}; at least {_FEWEST} are needed")
     notices = []
     if not same_skeleton(take.skeleton, keys.skeleton):
-        for whose, found in ((name, roles), ("the key frames", key_roles)):
+        sides = ((name, roles, "take_map"), ("the key frames", key_roles, "role_map"))
+        for whose, found, remedy in sides:
             if missing := [role for role in CORE_ROLES if role not in found]:
                 raise MuybridgeError(
                     f"{whose}: no joint was found for {', '.join(missing)}, and the skeleton of {name} is another one "
-                    "than that of the key frames", remedy="role_map",
+                    "than that of the key frames", remedy=remedy,
                 )  # fmt: skip
         one = replace(keys, skeleton=replace(keys.skeleton, sliding=()), translations=None).select(slice(0, 1))
         hero = Character(Path("key frames"), one.skeleton, np.zeros(3), one)

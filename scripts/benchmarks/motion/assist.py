@@ -1,6 +1,6 @@
 """Arms and spine of walks whose legs alone are given, from other takes, against the nearest pose and the truth.
 
-    python -m scripts.benchmarks.motion.assist [--data ../shared/data/motion] [--generated 12]
+    python -m scripts.benchmarks.motion.assist [--data ../shared/data/motion] [--generated 8] [--seed 3]
 
 Every take in turn is the key-framed one: its root and legs are kept, its arms, spine and head are taken away, and made
 from all the other takes. The swing of an arm is the angle, ahead and back, of the line from shoulder to wrist; its
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.numerics.rotations import continuous_quat
+from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.assistance.assist import assist, driving_joints
@@ -40,23 +40,32 @@ class NamedTake:
     roles: dict[str, int]
 
 
+def named_take(path: Path) -> NamedTake:
+    """A take of a file, at `FPS`."""
+    motion = read_file(path).motion
+    assert motion is not None
+    return NamedTake(path.stem, resample(motion, FPS), find_motion_roles(motion).roles)
+
+
 def real_takes(folder: Path) -> list[NamedTake]:
-    """The recorded takes."""
+    """The recorded takes: two walks, and others among which theirs must be found."""
+    return [named_take(folder / name) for name in ("02_01.amc", "02_03.amc", "01_01.amc", "cmu_91_48.fbx")]
+
+
+def generated(count: int, seed: int) -> list[NamedTake]:
+    """Generated walks of 5 s, each of another person."""
+    from muybridge.train.synthesis.bodies.body_model import BodyModel
+    from muybridge.train.synthesis.motions.rig import turn
+    from muybridge.train.synthesis.motions.sampler import MotionSampler
+
+    body, rng = BodyModel(seed), np.random.default_rng(seed)
     out = []
-    for name in ("02_01.amc", "02_03.amc", "01_01.amc", "cmu_91_48.fbx"):
-        motion = read_file(folder / name).motion
-        assert motion is not None
-        roles = find_motion_roles(motion).roles
-        out.append(NamedTake(Path(name).stem, resample(motion, FPS), roles))
+    for k, phenotype in enumerate(body.sample_phenotypes(count)):
+        person = body.skeleton(phenotype)
+        clip = MotionSampler(person, rng).sample(5.0, FPS, "walk")
+        quat = continuous_quat(quat_from_matrix(turn(clip.rotvec)))
+        out.append(NamedTake(f"generated {k + 1}", Motion(person.joints, clip.fps, clip.root, quat), person.roles))
     return out
-
-
-def generated(count: int, seed: int = 3) -> list[NamedTake]:
-    """Generated walks."""
-    from scripts.benchmarks.motion.generated_takes import generated_takes
-
-    takes = [t for t in generated_takes(5 * count, seed) if t.kind in ("walk", "run")]
-    return [NamedTake(f"{t.kind} {k + 1}", t.motion, t.roles) for k, t in enumerate(takes[:count])]
 
 
 def legs_alone(take: NamedTake) -> tuple[Motion, tuple[int, ...]]:
@@ -107,11 +116,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("../shared/data/motion"))
     parser.add_argument("--generated", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--mirror", action=argparse.BooleanOptionalAction, default=True)
     arguments = parser.parse_args()
     takes = real_takes(arguments.data)
     if arguments.generated:
-        takes += generated(arguments.generated)
+        takes += generated(arguments.generated, arguments.seed)
     print("take               frames  fragments   assist l, r     nearest pose l, r   rms l, r (deg): assist, nearest")
     for k, take in enumerate(takes):
         keys, made = legs_alone(take)
