@@ -1,9 +1,9 @@
-from .assist import Assisted as Assisted
-from .assist import AssistOptions as AssistOptions
-from .assist import assist as assist
-from .assist import check_keys as check_keys
-from .assist import driving_joints as driving_joints
-from .assist import still_joints as still_joints
+from .completion import Assisted as Assisted
+from .completion import AssistOptions as AssistOptions
+from .completion import assist as assist
+from .completion import check_keys as check_keys
+from .completion import driving_joints as driving_joints
+from .completion import still_joints as still_joints
 from .takes import CapturedTake as CapturedTake
 from .takes import bring_take as bring_take
 from .takes import mirrored as mirrored

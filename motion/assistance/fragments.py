@@ -5,8 +5,7 @@ signals are divided into frequency bands, and broken where the driving joint's c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,9 +18,6 @@ FASTEST_HZ = 6.0  # movements that drive; what is faster is texture
 _SLOWEST_HZ = 0.4  # what is slower is posture
 _SHORTEST = 0.12  # seconds of a fragment
 _TURN = 0.15  # of the signal's standard deviation by which it must turn back for a fragment to end
-_PARTS = (0.25, 0.5, 0.75)  # of a fragment at the start or the end of a clip
-
-Part = Literal["whole", "tail", "head"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +65,6 @@ class Fragment:
         number: within the clip; the next fragment of the same clip begins where this one ends.
         start, end: frames, both inside.
         rises: whether the main movement ascends.
-        part: `whole`, or the `tail` or `head` of one, which may stand at the start or the end of a clip alone: there
-            the movement of key frames begins and ends anywhere.
     """
 
     clip: int
@@ -78,7 +72,6 @@ class Fragment:
     start: int
     end: int
     rises: bool
-    part: Part = "whole"
 
 
 def find_driving(quat_wxyz: FloatArray, joints: Sequence[int], fps: float) -> Driving:
@@ -168,16 +161,6 @@ def break_clip(signals: Signals, driving: Driving, clip: int) -> list[Fragment]:
     return out
 
 
-def with_parts(fragments: Sequence[Fragment]) -> list[Fragment]:
-    """The fragments, and behind them tails and heads of each."""
-    out = list(fragments)
-    for f in fragments:
-        cuts = sorted({f.start + round(share * (f.end - f.start)) for share in _PARTS} - {f.start, f.end})
-        out += [replace(f, start=cut, part="tail") for cut in cuts]
-        out += [replace(f, end=cut, part="head") for cut in cuts]
-    return out
-
-
 def _turns(values: FloatArray, least: float, shortest: int) -> list[int]:
     """Frames of the local extremes that differ by at least `least` from one to the next, and both ends."""
     turns, best, rising = [0], 0, 0
@@ -192,6 +175,8 @@ def _turns(values: FloatArray, least: float, shortest: int) -> list[int]:
                 turns.append(best)
                 rising, best = -rising, t
     last = len(values) - 1
+    if rising and last - best >= shortest:
+        turns.append(best)  # it goes back to the end, by however little: filters flatten the ends of a clip
     kept = [0]
     for t in turns[1:]:
         if t - kept[-1] >= shortest:

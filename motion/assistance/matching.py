@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import conjugate_quat, multiply_quat, rotvec_from_quat
 from muybridge.motion.assistance.fragments import Driving, Fragment, Signals, vectors_about
 
@@ -23,7 +23,6 @@ _MOST_SCALE = 2.0
 _GAP = 1.0  # radians of mean joint angle whose gap counts as much as a difference of one standard deviation
 _LEAVING = 0.15  # of leaving a take, whatever the gap
 _UNUSUAL = 0.5  # of a movement of the made joints that no other candidate shares
-_NEVER = 1e6
 _PER_TAKE = 3  # candidates of one take that come first
 
 
@@ -56,7 +55,6 @@ def match_fragments(
         candidates: nearest fragments that the path may choose from.
     """
     cost = fragment_costs(wanted, keyed, captured, takes, driving)
-    cost[~_fitting(len(wanted), captured)] = _NEVER
     nearest = _nearest(cost, np.array([f.clip for f in captured]), candidates)
     made = _made_movement(captured, poses)
     unusual = np.stack([_unusual(made[row], cost[n, row]) for n, row in enumerate(nearest)])
@@ -109,16 +107,6 @@ def _unusual(made: FloatArray, cost: FloatArray) -> FloatArray:
     weight /= weight.sum()
     away = np.sum((made - weight @ made) ** 2, axis=1)
     return np.asarray(away / max(float(weight @ np.sum(made**2, axis=1)), 1e-9))
-
-
-def _fitting(count: int, captured: Sequence[Fragment]) -> BoolArray:
-    """(N, M) whether a captured fragment may stand in each place: tails first alone, heads last alone."""
-    part = np.array([f.part for f in captured])
-    out = np.repeat((part == "whole")[None], count, axis=0)
-    if count > 1:
-        out[0] |= part == "tail"
-        out[-1] |= part == "head"
-    return out
 
 
 def fragment_costs(

@@ -20,7 +20,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_matrix
 from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.assistance.assist import assist, driving_joints
+from muybridge.motion.assistance.completion import assist, driving_joints
 from muybridge.motion.assistance.fragments import vectors_about
 from muybridge.motion.assistance.takes import CapturedTake, bring_take, mirrored
 from muybridge.motion.editing.resampling import resample
@@ -80,6 +80,13 @@ def legs_alone(take: NamedTake) -> tuple[Motion, tuple[int, ...]]:
     return replace(motion, quat_wxyz=quat), tuple(made)
 
 
+def others_of(take: NamedTake, takes: list[NamedTake]) -> list[CapturedTake]:
+    """All other takes on the skeleton of this one, and their mirror images."""
+    keys, _ = legs_alone(take)
+    others = [bring_take(t.name, t.motion, t.roles, keys, take.roles) for t in takes if t is not take]
+    return others + [mirrored(t, take.roles) for t in others]
+
+
 def swings(motion: Motion, roles: dict[str, int]) -> FloatArray:
     """(T, 2) radians: how far ahead of the hanging position the line from shoulder to wrist is, left and right."""
     places = motion.joint_positions_world()
@@ -117,17 +124,14 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data/motion"))
     parser.add_argument("--generated", type=int, default=0)
     parser.add_argument("--seed", type=int, default=3)
-    parser.add_argument("--mirror", action=argparse.BooleanOptionalAction, default=True)
     arguments = parser.parse_args()
     takes = real_takes(arguments.data)
     if arguments.generated:
         takes += generated(arguments.generated, arguments.seed)
     print("take               frames  fragments   assist l, r     nearest pose l, r   rms l, r (deg): assist, nearest")
-    for k, take in enumerate(takes):
+    for take in takes:
         keys, made = legs_alone(take)
-        others = [bring_take(t.name, t.motion, t.roles, keys, take.roles) for j, t in enumerate(takes) if j != k]
-        if arguments.mirror:
-            others += [mirrored(t, take.roles) for t in others]
+        others = others_of(take, takes)
         driving = driving_joints(keys, made, take.roles)
         done = assist(keys, others, made, driving)
         base = nearest_pose(keys, others, made, driving)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.numerics.rotations import exp_so3, multiply_quat, quat_from_rotvec
+from muybridge.geometry.numerics.rotations import multiply_quat, quat_from_rotvec
 from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.assistance import (
@@ -20,7 +20,6 @@ from muybridge.motion.assistance import (
 from muybridge.motion.assistance.fragments import break_clip, find_driving, signals_of
 from muybridge.motion.assistance.joining import fade_weights, joined_rotations
 from muybridge.motion.editing.resampling import motion_at, resample
-from muybridge.motion.formats import read_file
 from tests.motion.editing.clips import FPS, PERIOD, turned_by, walk
 from tests.paths import DATA
 
@@ -87,7 +86,9 @@ def test_texture_is_added_to_what_was_animated() -> None:
     plain, fine = (completed(keys, made, take, AssistOptions(texture=g)).motion for g in (0.0, 1.0))
     assert turned_by(plain, fine) > np.radians(1)
     others = [j for j in range(len(keys.skeleton)) if j not in (shin, *made)]
-    assert np.abs(fine.quat_wxyz[:, others] - keys.quat_wxyz[:, others]).max() < 2e-3
+    # The two fastest bands pass 2.2 % of a stride of 66 frames: 1 - cos(pi f)^4 cos(2 pi f)^4.
+    change, swing = np.abs(fine.quat_wxyz - keys.quat_wxyz).max(axis=0), np.ptp(keys.quat_wxyz, axis=0)
+    assert (change[others] <= 0.03 * swing[others] + 1e-12).all()
     np.testing.assert_array_equal(fine.quat_wxyz[:, 0], keys.quat_wxyz[:, 0])
 
 
@@ -172,17 +173,16 @@ def test_another_skeleton_without_roles_is_refused_with_those_that_are_missing()
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "motion" / "02_03.amc").is_file(), reason="needs the recorded walks of shared/data")
-def test_arms_of_a_recorded_walk_swing_as_they_did() -> None:
-    from scripts.benchmarks.motion.assist import correlations, legs_alone, named_take, nearest_pose, swings
+def test_arms_of_recorded_walks_swing_as_they_did() -> None:
+    from scripts.benchmarks.motion.assist import correlations, legs_alone, nearest_pose, others_of, real_takes, swings
 
-    walks = [named_take(DATA / "motion" / f"{name}.amc") for name in ("02_01", "02_03")]
-    for take, other in (walks, walks[::-1]):
+    takes = real_takes(DATA / "motion")
+    for take in takes[:2]:
         keys, made = legs_alone(take)
-        one = bring_take(other.name, other.motion, other.roles, keys, take.roles)
-        takes = [one, mirrored(one, take.roles)]
+        others = others_of(take, takes)
         driving = driving_joints(keys, made, take.roles)
-        done = assist(keys, takes, made, driving).motion
-        base = nearest_pose(keys, takes, made, driving)
+        done = assist(keys, others, made, driving).motion
+        base = nearest_pose(keys, others, made, driving)
         truth = swings(take.motion, take.roles)
         mine, theirs = (correlations(swings(m, take.roles), truth) for m in (done, base))
         assert mine.min() > 0.7

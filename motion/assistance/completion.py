@@ -19,7 +19,6 @@ from muybridge.motion.assistance.fragments import (
     find_driving,
     signals_of,
     texture_bands,
-    with_parts,
 )
 from muybridge.motion.assistance.joining import joined_rotations, joined_vectors
 from muybridge.motion.assistance.matching import Match, match_fragments
@@ -31,6 +30,7 @@ from muybridge.wording import counted
 
 STILL = np.radians(0.5)  # of a joint that nobody animated
 _FEWEST = 8
+_END = 0.25  # seconds at either end of a take without texture, behind which it comes in as slowly
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def assist(
     ours = signals_of(keys.quat_wxyz, common, keys.fps)
     theirs = [signals_of(take.motion.quat_wxyz, common, keys.fps) for take in takes]
     wanted = break_clip(ours, common, -1)
-    captured = [f for k, signals in enumerate(theirs) for f in with_parts(break_clip(signals, common, k))]
+    captured = [f for k, signals in enumerate(theirs) for f in break_clip(signals, common, k)]
     free = list(made)
     poses = [continuous_quat(take.motion.quat_wxyz[:, free]) for take in takes]
     match = match_fragments(wanted, ours, captured, theirs, common, poses, options.candidates)
@@ -162,5 +162,8 @@ def _texture(
         if k in used:
             bands, _ = filter_bank(chart_of(take.motion.quat_wxyz[:, joints]).vectors)
             vectors = bands[: texture_bands(frames, keys.fps)].sum(axis=0)
+            # A take that ends in a movement has fast parts at its ends that are the filters'.
+            from_end = np.minimum(np.arange(frames), np.arange(frames)[::-1]) / (_END * keys.fps)
+            vectors *= (np.clip(from_end - 1, 0, 1) ** 2)[:, None, None]
         fast.append(vectors)
     return gain * joined_vectors(wanted, match.fragments, fast, len(keys), keys.fps)
