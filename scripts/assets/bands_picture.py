@@ -43,11 +43,11 @@ def main() -> None:
     for k, (low, high) in enumerate(bands.ranges()):
         left.plot(time, np.degrees(bands.rotations[k, :, arm, AHEAD]) - 14 * k, lw=1, color="#2a6f97")
         left.text(time[-1] + 0.1, -14 * k, f"{low:.2g} to {high:.2g} Hz", va="center", fontsize=8)
-    left.set(title="bands", xlabel="s", yticks=[], xlim=(0, time[-1] + 1.3))
+    left.set(title="bands", xlabel="s", yticks=[], xlim=(0, time[-1] + 1.9))
     for label, one, color in (("take", bands, "#999999"), ("with gains", changed, "#c1121f")):
         right.plot(time, np.degrees(one.chart.vectors[:, arm, AHEAD]), lw=1.2, color=color, label=label)
-    right.set(title=f"gains {' '.join(f'{g:g}' for g in GAINS)}", xlabel="s", ylabel="degrees")
-    right.legend(frameon=False, loc="lower right")
+    right.set(title=f"gains {' '.join(f'{g:g}' for g in GAINS)}", xlabel="s", ylabel="degrees", ylim=(-22, 27))
+    right.legend(frameon=False, loc="upper center", ncols=2)
     data = io.BytesIO()
     figure.savefig(data, dpi=90)
     Image.open(data).convert("RGB").save(PICTURE, quality=80, method=6)
