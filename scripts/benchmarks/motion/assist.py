@@ -1,4 +1,4 @@
-"""Arms and spine of walks whose legs alone are given, from other takes, against the nearest pose and the truth.
+"""Arms and spine of takes whose legs alone are given, from other takes, against the nearest pose and the truth.
 
     python -m scripts.benchmarks.motion.assist [--data ../shared/data/motion] [--generated 8] [--seed 3]
 
@@ -48,7 +48,7 @@ def named_take(path: Path) -> NamedTake:
 
 
 def real_takes(folder: Path) -> list[NamedTake]:
-    """The recorded takes: two walks, and others among which theirs must be found."""
+    """The recorded takes: a walk and a run, and others among which these must be found."""
     return [named_take(folder / name) for name in ("02_01.amc", "02_03.amc", "01_01.amc", "cmu_91_48.fbx")]
 
 

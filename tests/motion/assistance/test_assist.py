@@ -173,8 +173,8 @@ def test_another_skeleton_without_roles_is_refused_with_those_that_are_missing()
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (DATA / "motion" / "02_03.amc").is_file(), reason="needs the recorded walks of shared/data")
-def test_arms_of_recorded_walks_swing_as_they_did() -> None:
+@pytest.mark.skipif(not (DATA / "motion" / "02_03.amc").is_file(), reason="needs the recorded takes of shared/data")
+def test_arms_of_a_recorded_walk_and_run_swing_as_they_did() -> None:
     from scripts.benchmarks.motion.assist import correlations, legs_alone, nearest_pose, others_of, real_takes, swings
 
     takes = real_takes(DATA / "motion")
