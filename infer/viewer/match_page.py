@@ -1,4 +1,4 @@
-"""The page in which a figure is steered by motion matching: a database in compact form, and the script that plays it."""
+"""The page in which a figure is steered by motion matching: a database in compact form, and its script."""
 
 import html
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.infer.viewer.packing import encode, pack_places
 from muybridge.infer.viewer.page import component_style, embedded_json, filled, joined_scripts, read_asset
@@ -121,14 +121,17 @@ def speeds(database: MatchDatabase) -> dict[str, float]:
     clip = database.clip_of(np.arange(len(database) - 1))
     inside = clip == database.clip_of(np.arange(1, len(database)))
     way = np.linalg.norm(np.diff(database.path.places, axis=0), axis=1)[inside] * database.fps
-    slow, fast = (np.percentile(way, [10, 98]) if len(way) else (_WALK, _WALK))
+    slow, fast = np.percentile(way, [10, 98]) if len(way) else (_WALK, _WALK)
     walk = float(np.clip(_WALK, slow, max(fast, slow)))
     return {"walk": round(walk, 2), "fast": round(max(float(fast), walk), 2)}
 
 
 def pack_turns(quat_wxyz: FloatArray) -> str:
-    """(N, M, 4) unit quaternions as three numbers of 15 bits: all but the largest component, whose sign is made positive
-    and whose place stands in the highest bits of the first two. The largest error is 0.01 degrees."""
+    """(N, M, 4) unit quaternions as three numbers of 15 bits each.
+
+    The largest component is left out: its sign is made positive, and which one it is stands in the highest bits of the
+    first two numbers. The largest error is 0.01 degrees.
+    """
     largest = np.abs(quat_wxyz).argmax(axis=-1)[..., None]
     sign = np.where(np.take_along_axis(quat_wxyz, largest, -1) < 0, -1.0, 1.0)
     rest = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[largest[..., 0]]
@@ -139,7 +142,7 @@ def pack_turns(quat_wxyz: FloatArray) -> str:
     return encode(codes, "<u2")
 
 
-def _pack_features(scaled: FloatArray) -> dict[str, Any]:
+def _pack_features(scaled: Float32Array) -> dict[str, Any]:
     """Columns as 16-bit integers between their limits."""
     values = scaled.astype(np.float64)
     low = values.min(axis=0)
@@ -157,7 +160,7 @@ def _facing_places(places: FloatArray, path: GroundPath) -> FloatArray:
 def _runs(mask: BoolArray) -> list[list[int]]:
     """First frame, and the one behind the last, of each run of true."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
-    return np.asarray(edges).reshape(-1, 2).tolist()  # type: ignore[no-any-return]
+    return np.asarray(edges).reshape(-1, 2).tolist()
 
 
 def _sides(skeleton: Skeleton, roles: Mapping[str, int]) -> list[int]:
@@ -167,7 +170,7 @@ def _sides(skeleton: Skeleton, roles: Mapping[str, int]) -> list[int]:
         for role, joint in roles.items():
             if role.startswith(side):
                 out[skeleton.is_ancestor[joint]] = value
-    return out.tolist()  # type: ignore[no-any-return]
+    return out.tolist()
 
 
 def _tips(skeleton: Skeleton) -> list[list[float] | None]:

@@ -1,4 +1,4 @@
-"""Motion matching: at every moment the frame of recorded takes that fits best goes on, so that a figure can be steered."""
+"""Motion matching: a figure is steered by going on, at any moment, with the frame of recorded takes that fits best."""
 
 import lazy_loader as _lazy
 

@@ -1,13 +1,14 @@
 """The search by a tree of boxes, compiled.
 
-Boxes and frames lie in memory as runs of 16 a feature, so that the processor compares 16 at a time while each sum still
-adds its features in one order. A sum of rounded terms in a fixed order never falls when a term grows, so the distance to
-a box, as computed, is never above the distance, as computed, to a frame in it: skipping boxes loses nothing.
+Boxes and frames lie in memory as runs of 16 a feature, so that the processor compares 16 at a time while each sum
+still adds its features in one order. A sum of rounded terms in a fixed order never falls when a term grows, so the
+distance to a box, as computed, is never above the distance, as computed, to a frame in it: skipping boxes loses
+nothing.
 """
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IndexArray
+from muybridge.arrays import Float32Array, IndexArray
 from muybridge.geometry.numerics._numba import compiled
 
 LANES = 16  # frames of a small box, and small boxes of a run
@@ -15,7 +16,7 @@ FAN = 4  # small boxes of a large one
 
 
 @compiled
-def box_distances(query: FloatArray, low: FloatArray, high: FloatArray, out: FloatArray) -> None:
+def box_distances(query: Float32Array, low: Float32Array, high: Float32Array, out: Float32Array) -> None:
     """Squared distances (R, 16) of a query (F,) to boxes (R, F, 16)."""
     for r in range(low.shape[0]):
         for k in range(LANES):
@@ -28,7 +29,7 @@ def box_distances(query: FloatArray, low: FloatArray, high: FloatArray, out: Flo
 
 
 @compiled
-def scan_frames(query: FloatArray, points: FloatArray, sums: FloatArray) -> None:
+def scan_frames(query: Float32Array, points: Float32Array, sums: Float32Array) -> None:
     """Squared distances (16,) of a query (F,) to frames (F, 16)."""
     for k in range(LANES):
         sums[k] = 0
@@ -41,9 +42,9 @@ def scan_frames(query: FloatArray, points: FloatArray, sums: FloatArray) -> None
 
 @compiled
 def nearest(
-    query: FloatArray, points: FloatArray, frames: IndexArray, low: FloatArray, high: FloatArray, far_low: FloatArray,
-    far_high: FloatArray, bound: float, skip_from: int, skip_to: int,
-) -> tuple[int, float]:  # fmt: skip
+    query: Float32Array, points: Float32Array, frames: IndexArray, low: Float32Array, high: Float32Array, far_low: Float32Array,
+    far_high: Float32Array, bound: float, skip_from: int, skip_to: int,
+) -> tuple[int, np.float32]:  # fmt: skip
     """The frame that is nearest to a query.
 
     Args:
@@ -92,8 +93,8 @@ def nearest(
 
 @compiled
 def nearest_of_all(
-    query: FloatArray, points: FloatArray, frames: IndexArray, bound: float, skip_from: int, skip_to: int
-) -> tuple[int, float]:
+    query: Float32Array, points: Float32Array, frames: IndexArray, bound: float, skip_from: int, skip_to: int
+) -> tuple[int, np.float32]:
     """As `nearest`, by comparing with every frame."""
     best, at = np.float32(bound), -1
     sums = np.empty(LANES, np.float32)

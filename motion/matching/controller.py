@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IndexArray
+from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.editing.channels import placed
@@ -67,9 +67,7 @@ class Steered:
     arrived: bool
 
 
-def steer(
-    database: MatchDatabase, goal: Goal, seconds: float, options: SteerOptions | None = None
-) -> Steered:
+def steer(database: MatchDatabase, goal: Goal, seconds: float, options: SteerOptions | None = None) -> Steered:
     """Let a figure follow a goal.
 
     Args:
@@ -126,7 +124,7 @@ class _Figure:
         gaps = self.database.scaled[allowed, columns] - self._query(wanted, int(allowed[0]))[columns]
         return int(allowed[int(np.argmin((gaps**2).sum(axis=1)))])
 
-    def _query(self, wanted: Wanted, frame: int) -> FloatArray:
+    def _query(self, wanted: Wanted, frame: int) -> Float32Array:
         """(F,) scaled: the wanted trajectory with the pose of a frame."""
         features = self.database.features[frame].copy()
         features[self.database.options.trajectory] = trajectory_features(self.place, np.asarray(self.yaw),
@@ -177,9 +175,9 @@ class _Figure:
         count = min(self._tick(), self._left())
         steps = np.arange(1, count + 1)
         frames = self.frame + steps
-        turns = self.turn + self._turning(wanted) * steps / fps
+        turns: FloatArray = np.asarray(self.turn + self._turning(wanted) * steps / fps, dtype=np.float64)
         ways = np.diff(database.path.places[self.frame : self.frame + count + 1], axis=0)
-        places = self.place + np.cumsum(_turned(ways, turns), axis=0)
+        places: FloatArray = self.place + _turned(ways, turns).cumsum(axis=0)
         motion = self._placed(frames, turns, places)
         if self.transition is not None:
             motion = self.transition.apply(motion, self.since + steps / fps, self.options.blend)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap, find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
@@ -99,7 +99,7 @@ class MatchDatabase:
         return fit_scaling(self.features[self.searchable], self.options)
 
     @cached_property
-    def scaled(self) -> FloatArray:
+    def scaled(self) -> Float32Array:
         """(N, F) float32 scaled features."""
         return self.scaling.apply(self.features)
 
@@ -220,7 +220,9 @@ def _ignored(
     out = np.zeros(starts[-1], np.bool_)
     for part in ignore:
         if part.clip not in given:
-            raise MuybridgeError(f"there is no clip {part.clip!r} to ignore a part of; the clips are {', '.join(given)}")
+            raise MuybridgeError(
+                f"there is no clip {part.clip!r} to ignore a part of; the clips are {', '.join(given)}"
+            )
         if not 0 <= part.start < part.end:
             raise MuybridgeError(
                 f"the part of {part.clip} to be ignored must end after it starts, not go from {part.start:g} to "

@@ -1,8 +1,8 @@
 """What is compared in motion matching: where a body goes next, its feet, and its velocities.
 
-Clavet 2016, "Motion Matching and The Road to Next-Gen Animation" (GDC); the choice of features is that of Holden, Kanoun,
-Perepichka and Popa 2020, "Learned Motion Matching", section 3. All are in the facing frame of their own frame: its origin
-is on the floor under the hips, x points where the body faces, y to its left, z up.
+Clavet 2016, "Motion Matching and The Road to Next-Gen Animation" (GDC); the choice of features is that of Holden,
+Kanoun, Perepichka and Popa 2020, "Learned Motion Matching", section 3. All are in the facing frame of their own frame:
+its origin is on the floor under the hips, x points where the body faces, y to its left, z up.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import Float32Array, FloatArray
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.blending.material import facing_frames
 from muybridge.motion.editing.root_path import GroundPath
@@ -101,7 +101,7 @@ class Scaling:
     mean: FloatArray
     factor: FloatArray
 
-    def apply(self, features: FloatArray) -> FloatArray:
+    def apply(self, features: FloatArray) -> Float32Array:
         """(..., F) scaled features; float32, as the search compares them."""
         return np.ascontiguousarray((features - self.mean) * self.factor, dtype=np.float32)
 
@@ -132,9 +132,7 @@ def root_frames(
     return [GroundPath(path.places, path.yaw + facing) for path in paths], facing
 
 
-def motion_features(
-    motion: Motion, path: GroundPath, roles: Mapping[str, int], options: FeatureOptions
-) -> FloatArray:
+def motion_features(motion: Motion, path: GroundPath, roles: Mapping[str, int], options: FeatureOptions) -> FloatArray:
     """(T, F) the features of every frame, unscaled.
 
     Behind the last frame, the path goes on as it ends.

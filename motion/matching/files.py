@@ -21,8 +21,8 @@ from muybridge.npz import LIMIT, load_npz
 SUFFIX = ".match"
 _KIND, _VERSION = "muybridge match", 1
 _WHAT = "a .match"
-_ARRAYS = ("header", "offsets", "tips", "lower", "upper", "starts", "root_positions_world", "quat_wxyz", "places", "yaw",
-           "features", "ignored")  # fmt: skip
+_ARRAYS = ("header", "offsets", "tips", "lower", "upper", "starts", "root_positions_world", "quat_wxyz", "places",
+           "yaw", "features", "ignored")  # fmt: skip
 
 
 def write_database(path: Path, database: MatchDatabase) -> None:
@@ -101,9 +101,10 @@ def _database(header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> MatchD
     motion = Motion(skeleton, float(header["fps"]), arrays["root_positions_world"], continuous_quat(quat),
                     arrays.get("translations"))  # fmt: skip
     path = GroundPath(arrays["places"], arrays["yaw"])
+    roles = {str(role): int(joint) for role, joint in header["roles"].items()}
     return MatchDatabase(
         motion, tuple(header["clips"]), arrays["starts"].astype(np.intp), path, arrays["features"].astype(np.float64),
-        arrays["ignored"], {str(role): int(joint) for role, joint in header["roles"].items()}, FeatureOptions(**options),
+        arrays["ignored"], roles, FeatureOptions(**options),
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Goal(Protocol):
         """Where the figure starts: (2,) metres, and radians where it faces."""
 
     def wanted(self, seconds: float, place: FloatArray, yaw: float, horizons: FloatArray) -> Wanted | None:
-        """The trajectory that is wanted of a figure that is at a place and faces a direction; None where it has arrived.
+        """The trajectory that is wanted of a figure, by where it is and faces; None where it has arrived.
 
         Args:
             seconds: since the start; never less than in the call before.
@@ -78,7 +78,7 @@ class Stick:
         self._goal = goal
         toward = _direction(goal, self._facing_goal)
         # The shorter way round, from where the figure faces now.
-        self._facing_goal = yaw + _wrapped(toward - yaw)
+        self._facing_goal = yaw + float(_wrapped(toward - yaw))
         self._facing = Spring(yaw + _wrapped(self._facing.value - yaw), self._facing.rate)
         places = place + self._moved.sums(goal, horizons, self.halflife).T
         turned = self._facing.values(np.asarray(self._facing_goal), horizons, self.turn_halflife)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.motion.matching._tree_kernel import FAN, LANES, nearest, nearest_of_all
 
 _FAR = np.float32(np.inf)
@@ -25,15 +25,15 @@ class BoxTree:
         far_low, far_high: (R, F, 16) limits of the large boxes.
     """
 
-    points: FloatArray
+    points: Float32Array
     frames: IndexArray
-    low: FloatArray
-    high: FloatArray
-    far_low: FloatArray
-    far_high: FloatArray
+    low: Float32Array
+    high: Float32Array
+    far_low: Float32Array
+    far_high: Float32Array
 
     @classmethod
-    def build(cls, scaled: FloatArray, searchable: BoolArray) -> "BoxTree":
+    def build(cls, scaled: Float32Array, searchable: BoolArray) -> "BoxTree":
         """Put frames into boxes.
 
         Args:
@@ -50,7 +50,10 @@ class BoxTree:
         values = np.asarray(scaled, dtype=np.float32)[np.maximum(frames, 0)]  # (B, 16, F)
         low = np.where(there[..., None], values, _FAR).min(axis=1)
         high = np.where(there[..., None], values, -_FAR).max(axis=1)
-        far_low, far_high = low.reshape(-1, FAN, low.shape[1]).min(axis=1), high.reshape(-1, FAN, low.shape[1]).max(axis=1)
+        far_low, far_high = (
+            low.reshape(-1, FAN, low.shape[1]).min(axis=1),
+            high.reshape(-1, FAN, low.shape[1]).max(axis=1),
+        )
         points = np.where(there[..., None], values, _FAR)
         return cls(np.ascontiguousarray(points.transpose(0, 2, 1)), frames, *_lanes(low, high),
                    *_lanes(far_low, far_high))  # fmt: skip
@@ -59,7 +62,7 @@ class BoxTree:
         return int((self.frames >= 0).sum())
 
     def search(
-        self, query: FloatArray, bound: float = np.inf, skip: tuple[int, int] = (0, 0)
+        self, query: FloatArray | Float32Array, bound: float = np.inf, skip: tuple[int, int] = (0, 0)
     ) -> tuple[int | None, float]:
         """The frame nearest to a query.
 
@@ -77,14 +80,14 @@ class BoxTree:
         return (None if at < 0 else int(at)), float(distance)
 
     def search_all(
-        self, query: FloatArray, bound: float = np.inf, skip: tuple[int, int] = (0, 0)
+        self, query: FloatArray | Float32Array, bound: float = np.inf, skip: tuple[int, int] = (0, 0)
     ) -> tuple[int | None, float]:
         """As `search`, by comparing with every frame."""
         at, distance = nearest_of_all(_query(query), self.points, self.frames, bound, *skip)
         return (None if at < 0 else int(at)), float(distance)
 
 
-def _query(query: FloatArray) -> FloatArray:
+def _query(query: FloatArray | Float32Array) -> Float32Array:
     return np.ascontiguousarray(query, dtype=np.float32)
 
 
@@ -101,7 +104,7 @@ def _boxed(searchable: BoolArray) -> IndexArray:
     return np.concatenate([boxes, np.full((missing, LANES), -1)]).astype(np.int64)
 
 
-def _lanes(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _lanes(low: Float32Array, high: Float32Array) -> tuple[Float32Array, Float32Array]:
     """(B / 16, F, 16) of limits (B, F): 16 boxes beside each other."""
     low, high = (np.ascontiguousarray(v.reshape(-1, LANES, v.shape[1]).transpose(0, 2, 1)) for v in (low, high))
     return low, high

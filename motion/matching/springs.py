@@ -12,7 +12,7 @@ from muybridge.arrays import FloatArray
 
 def spring_rate(halflife: float) -> float:
     """d, per second: of a spring at rest that has gone half of its way after about so many seconds."""
-    return 2 * np.log(2.0) / max(halflife, 1e-4)
+    return float(2 * np.log(2.0) / max(halflife, 1e-4))
 
 
 @dataclass(frozen=True, eq=False)
