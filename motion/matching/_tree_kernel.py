@@ -42,8 +42,8 @@ def scan_frames(query: Float32Array, points: Float32Array, sums: Float32Array) -
 
 @compiled
 def nearest(
-    query: Float32Array, points: Float32Array, frames: IndexArray, low: Float32Array, high: Float32Array, far_low: Float32Array,
-    far_high: Float32Array, bound: float, skip_from: int, skip_to: int,
+    query: Float32Array, points: Float32Array, frames: IndexArray, low: Float32Array, high: Float32Array,
+    far_low: Float32Array, far_high: Float32Array, bound: float, skip_from: int, skip_to: int,
 ) -> tuple[int, np.float32]:  # fmt: skip
     """The frame that is nearest to a query.
 

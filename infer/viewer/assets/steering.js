@@ -4,6 +4,7 @@ const SIDES = [[0.82, 0.86, 0.9, 1], [1, 0.64, 0.23, 1], [0.36, 0.74, 1, 1]];
 const SHADOW = [0.05, 0.055, 0.065, 1], WANTED = [0.5, 0.85, 0.5, 1], PATH = [0.5, 0.85, 0.5, 0.7], TRAIL = [0.64, 0.68, 0.71, 0.6];
 const KEYS = { ArrowUp: [0, 1], KeyW: [0, 1], ArrowDown: [0, -1], KeyS: [0, -1], ArrowLeft: [-1, 0], KeyA: [-1, 0], ArrowRight: [1, 0], KeyD: [1, 0] };
 const LONGEST = 0.1; // seconds that one picture may take the figure on
+const SLOW = 50, COARSEST = 0.5; // frames per second below which fewer pixels are drawn, and the least share of them a side
 
 class Steering extends Orbit {
   constructor(root, packed) {
@@ -12,7 +13,7 @@ class Steering extends Orbit {
     this.clips = new Clips(packed); this.figure = new Figure(this.clips, packed.steer);
     this.painter = new Painter(this.$("stage"), () => {});
     this.height = Math.max(...this.clips.places(this.figure.pose()).map((p) => p[2])) || 1;
-    this.held = new Set(); this.pad = [0, 0]; this.path = null; this.drawn = []; this.trail = []; this.frames = []; this.cost = 0;
+    this.held = new Set(); this.pad = [0, 0]; this.path = null; this.drawn = []; this.trail = []; this.frames = []; this.cost = 0; this.detail = 1; this.slow = 0;
     this.centre = [...this.figure.place, 0.55 * this.height];
     this.$("speed").max = Math.max(packed.speeds.fast, 0.1); this.$("speed").value = packed.speeds.walk;
     this.fast = packed.speeds.fast;
@@ -119,14 +120,21 @@ class Steering extends Orbit {
     this.frames.push(passed);
     if (this.frames.reduce((a, b) => a + b, 0) < 0.5) return;
     const fps = this.frames.length / this.frames.reduce((a, b) => a + b, 0), { figure, clips, root } = this;
+    this.adapt(fps);
     this.frames = [];
-    Object.assign(root.dataset, { fps: fps.toFixed(1), ms: this.cost.toFixed(2), searches: figure.searches, jumps: figure.jumps, x: figure.place[0].toFixed(3), y: figure.place[1].toFixed(3), yaw: figure.yaw.toFixed(3) });
+    Object.assign(root.dataset, { fps: fps.toFixed(1), ms: this.cost.toFixed(2), detail: this.detail.toFixed(2), searches: figure.searches, jumps: figure.jumps, x: figure.place[0].toFixed(3), y: figure.place[1].toFixed(3), yaw: figure.yaw.toFixed(3) });
     this.$("figures").textContent = `${fps.toFixed(0)} frames/s, ${this.cost.toFixed(1)} ms each, search ${(figure.searchMs || 0).toFixed(2)} ms of ${clips.frames} frames`;
     const k = clips.clip(Math.floor(figure.at));
     this.$("clip").textContent = `${clips.clips[k]}, ${((figure.at - clips.starts[k]) / clips.fps).toFixed(1)} s`;
   }
+  // Where drawing is slow though the script is not, as without a graphics card, fewer pixels are drawn.
+  adapt(fps) {
+    const hidden = this.frames.some((passed) => passed > 0.25);
+    this.slow = fps < SLOW && this.cost < 8 && !hidden ? this.slow + 1 : 0;
+    if (this.slow > 1 && this.detail > COARSEST) { this.detail = Math.max(COARSEST, 0.7 * this.detail); this.slow = 0; }
+  }
   draw() {
-    const stage = this.$("stage"), ratio = Math.min(2, window.devicePixelRatio || 1), { figure, painter, clips } = this;
+    const stage = this.$("stage"), ratio = this.detail * Math.min(2, window.devicePixelRatio || 1), { figure, painter, clips } = this;
     const size = [stage.clientWidth, stage.clientHeight].map((v) => Math.max(1, Math.round(v * ratio)));
     if (stage.width !== size[0] || stage.height !== size[1]) [stage.width, stage.height] = size;
     if (this.$("follow").checked && !this.root.classList.contains("drawing")) [0, 1].forEach((i) => { this.centre[i] += 0.12 * (figure.place[i] - this.centre[i]); });
