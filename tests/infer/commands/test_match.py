@@ -63,8 +63,6 @@ def test_seconds_and_speed_are_kept(database: Path, tmp_path: Path) -> None:
 def test_bad_takes_are_named(takes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, out = str(takes / "walk_1.2_0.bvh"), str(tmp_path / "w.match")
     write_file(tmp_path / "pose.bvh", Take(motion=walk(0.0)))
-    other = walk().skeleton
-    assert other is not None
     assert run_command(["match", "build", str(tmp_path / "pose.bvh"), "--out", out]) == 2
     assert "pose, has 1" in capsys.readouterr().err
     assert run_command(["match", "build", good, str(tmp_path / "pose.bvh"), "--out", out]) == 0
@@ -113,8 +111,11 @@ def test_paths_over_the_ground(tmp_path: Path) -> None:
         path.write_text(text, encoding="utf-8")
         np.testing.assert_array_equal(read_ground_path(path), [[0, 0], [1, 2]])
     for text, what in (
-        ("a,b\n0,0\n1,2\n", "x and y"), ("x,y\n0,0\n1,nan\n", "line 3"), ("x,y\n0,0\n1\n", "line 3"), ("", "at least two"),
-    ):  # fmt: skip
+        ("a,b\n0,0\n1,2\n", "x and y"),
+        ("x,y\n0,0\n1,nan\n", "line 3"),
+        ("x,y\n0,0\n1\n", "line 3"),
+        ("", "at least two"),
+    ):
         path.write_text(text)
         with pytest.raises(FormatError, match=what):
             read_ground_path(path)
