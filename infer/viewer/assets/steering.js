@@ -94,7 +94,8 @@ class Steering extends Orbit {
     return turned(speed * x, speed * y, this.yaw + Math.PI / 2);
   }
   tick(now) {
-    const passed = (now - this.last) / 1000, start = performance.now();
+    // A frame's time may lie before the moment at which the page was ready.
+    const passed = Math.max(0, (now - this.last) / 1000), start = performance.now();
     this.last = now;
     this.advance(Math.min(passed, LONGEST));
     this.draw();

@@ -76,16 +76,18 @@ def main() -> None:
     points = scaled[searchable]
     plain, plain_taken = timed(lambda q: float(((points - q) ** 2).sum(axis=1).min()), queries[:_SLOW])
     of_kd, kd_taken = timed(lambda q: float(kd.query(q)[0]) ** 2, queries[:_SLOW])
-    print(
-        f"same squared distance as comparing with every frame: {int((found == exact).sum())} of {len(queries)} queries"
-    )
+    same = int((found == exact).sum())
+    print(f"same squared distance as comparing with every frame: {same} of {len(queries)} queries")
     for name, other in (("NumPy", plain), ("KD-tree", of_kd)):
         gap = np.abs(found[: len(other)] - other).max()
         print(f"  largest difference from {name}, of {len(other)} queries: {gap:.1e}")
-    for name, ms in (("tree of boxes", taken), ("every frame, compiled", all_taken), ("every frame, NumPy", plain_taken),
-                     ("SciPy KD-tree", kd_taken)):  # fmt: skip
-        print(f"{name:22s} {ms.mean():.3f} ms a query, median {np.median(ms):.3f}, 99th percentile "
-              f"{np.percentile(ms, 99):.3f}")  # fmt: skip
+    ways = {"tree of boxes": taken, "every frame, compiled": all_taken, "every frame, NumPy": plain_taken,
+            "SciPy KD-tree": kd_taken}  # fmt: skip
+    for name, ms in ways.items():
+        print(
+            f"{name:22s} {ms.mean():.3f} ms a query, median {np.median(ms):.3f}, 99th percentile "
+            f"{np.percentile(ms, 99):.3f}"
+        )
 
 
 if __name__ == "__main__":

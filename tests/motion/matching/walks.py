@@ -14,14 +14,13 @@ def walk(
     speed: float = 1.2,
     turn_deg: float = 0.0,
     fps: float = 60.0,
-    seed: int = 0,
     still: bool = False,
 ) -> Motion:
     """A walk that faces along its way, begins at the origin along X, and turns by so many degrees per second."""
     skeleton = BODY.skeleton(prior_shape(1.74))
     count = round(seconds * fps) + 1
     t = np.arange(count) / fps
-    phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, (len(skeleton), 3))
+    phases = np.random.default_rng(0).uniform(0, 2 * np.pi, (len(skeleton), 3))
     size = np.where(np.arange(len(skeleton)) > 0, 0.0 if still else 0.2, 0.0)[:, None]
     turns = size * np.sin(2 * np.pi * 0.9 * t[:, None, None] + phases)
     standing = Motion(skeleton, fps, np.tile([0.0, 0.0, 1.0], (count, 1)), continuous_quat(quat_from_rotvec(turns)))
@@ -44,6 +43,6 @@ def walks(fps: float = 60.0) -> tuple[list[Motion], list[str]]:
     """Walks of several speeds and curves, with names."""
     kinds = [(1.2, 0.0), (1.2, 40.0), (1.2, -40.0), (0.6, 0.0), (2.0, 0.0)]
     return (
-        [walk(4.0, speed, turn, fps, seed=0) for speed, turn in kinds],
+        [walk(4.0, speed, turn, fps) for speed, turn in kinds],
         [f"walk_{speed:g}_{turn:g}" for speed, turn in kinds],
     )
