@@ -116,7 +116,7 @@ def register(
     start, end = max(w.x[0] for w in warps), min(w.x[-1] for w in warps)
     if end - start < _FEWEST - 1:
         raise MuybridgeError(f"{', '.join(names)} have no frames in common that all of them go through")
-    u = np.linspace(start, end, max(round((end - start)), 2) + 1)
+    u = np.linspace(start, end, max(round(end - start), 2) + 1)
     own = [facing_frames(m, options.window) for m in motions]
     base = _along(own[reference], warps[reference](u))
     paths = [
