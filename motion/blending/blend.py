@@ -17,7 +17,7 @@ from muybridge.motion.blending.registration import RegistrationCurve
 from muybridge.motion.contacts.find import Contacts, find_contacts
 from muybridge.motion.contacts.floor import Floor
 from muybridge.motion.contacts.planting import Planted, plant_feet
-from muybridge.motion.editing.resampling import between_frames
+from muybridge.motion.editing.resampling import motion_at
 from muybridge.motion.editing.root_path import GroundPath, with_path, without_path
 
 _SUM = 1e-3  # by which weights may miss one: thirds are written as 0.333
@@ -111,7 +111,7 @@ def blend_motions(curve: RegistrationCurve, weights: Weights) -> Blended:
     poses, steps = [], []
     for k, motion in enumerate(curve.motions):
         path = curve.path(k, u)
-        poses.append(without_path(between_frames(motion, frames[k]), path))
+        poses.append(without_path(motion_at(motion, frames[k]), path))
         steps.append(_steps(path))
     shares = 0.5 * (w[1:] + w[:-1])
     step = np.einsum("tn,ntk->tk", shares, np.stack(steps))

@@ -40,23 +40,24 @@ def resample(thing: T, fps: float) -> T:
     new = int(np.floor((count - 1) / thing.fps * fps + _SAME_TIME)) + 1
     at = np.arange(new) * thing.fps / fps
     if isinstance(thing, Motion):
-        return cast(T, replace(between_frames(thing, at), fps=fps))  # type: ignore[redundant-cast]
-    return _points(thing, fps, *_split(at, count))
+        return cast(T, replace(motion_at(thing, at), fps=fps))  # type: ignore[redundant-cast]
+    before, share = _places(at, count)
+    return _points(thing, fps, before, share)
 
 
-def between_frames(motion: Motion, frames: FloatArray) -> Motion:
-    """A motion at any times, not only at its frames; exactly as it is where they are its frames.
+def motion_at(motion: Motion, at: FloatArray) -> Motion:
+    """A motion at times between its frames, whose velocity is continuous; at a frame it is exactly that frame.
 
     Args:
         motion: of at least one frame.
-        frames: (N,) times counted in its frames, from 0 to the last; others are those of its ends.
+        at: (N,) in frames; others than from 0 to the last one are those of its ends.
     """
-    before, share = _split(np.clip(frames, 0, len(motion) - 1), len(motion))
+    before, share = _places(np.clip(at, 0, len(motion) - 1), len(motion))
     return per_channel(motion, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
 
 
-def _split(at: FloatArray, count: int) -> tuple[IndexArray, FloatArray]:
-    """The frames before the times `at`, and how far each is on the way to the next one."""
+def _places(at: FloatArray, count: int) -> tuple[IndexArray, FloatArray]:
+    """The frames before times in frames, and how much of the way to the next one has passed."""
     at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
     before = np.clip(at.astype(np.intp), 0, count - 1)
     return before, np.asarray(at - before, dtype=np.float64)

@@ -9,15 +9,16 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.infer.pipelines.characters.retarget import measures
+from muybridge.infer.pipelines.characters.retarget import measures, place
 from muybridge.infer.pipelines.characters.rigging import (
     Rigged,
+    bind_mesh,
+    bound_target,
     check_character_output,
-    move_character,
     rig_file,
-    write_rigged,
+    write_bound,
 )
-from muybridge.infer.pipelines.characters.takes import Takes, find_takes
+from muybridge.infer.pipelines.characters.takes import Takes, clip_names, find_takes
 from muybridge.infer.results.ownership import check_replaceable, refuse_root
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
@@ -60,7 +61,7 @@ def character(
     Args:
         mesh: .glb, .gltf, .vrm, .fbx, .obj, .ply or .stl.
         motion: files of motion, folders of them, session folders.
-        out: file to write, .glb or .vrm (default: MESH_rigged.glb in the current folder).
+        out: file to write: .glb, .vrm, .fbx, .usdc, .usda or .usdz (default: MESH_rigged.glb in the current folder).
         template: skeleton to put in.
         rig: whose names the joints get.
         rig_only: write the rigged mesh in its rest pose, without motion.
@@ -125,16 +126,18 @@ def _write(
     plant: bool,
 ) -> None:  # fmt: skip
     """Skin a rigged mesh, and write it at rest or moved."""
+    vrm = out.suffix.lower() == ".vrm"
+    with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
+        bound = bind_mesh(found, vrm)
+        task.advance()
+    target, placed = None, []
     with tempfile.TemporaryDirectory() as folder:
-        rest = Path(folder) / out.name if takes else out
-        with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
-            write_rigged(found, rest)
-            task.advance()
-        if not takes:
-            return
-        options = RetargetOptions(plant=plant)
-        placed, notices = move_character(rest, found.rig, takes, out, clip_name, fps, options)
-        for notice in notices:
-            progress.notice(notice)
-        for one in placed:
-            print(measures(one))
+        if takes:
+            target = bound_target(bound, found.rig, Path(folder) / f"rest{'.vrm' if vrm else '.glb'}")
+            for take, name in zip(takes, clip_names(takes, clip_name, ()), strict=True):
+                placed.append(place(take, target, name, RetargetOptions(plant=plant), fps))
+        notices = write_bound(bound, out, target, placed)
+    for notice in dict.fromkeys([*(n for one in placed for n in one.notices), *notices]):
+        progress.notice(notice)
+    for one in placed:
+        print(measures(one))

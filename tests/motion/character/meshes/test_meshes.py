@@ -13,6 +13,7 @@ from muybridge.errors import FormatError
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.character import Morph
 from muybridge.motion.character.meshes import (
+    BoundMesh,
     Look,
     Picture,
     StaticMesh,
@@ -197,7 +198,7 @@ def test_a_skinned_file_is_read_as_it_was_written(tmp_path):
     skeleton, root = person_rig.skeleton(), person_rig.joints[0]
     joints = rng.integers(0, len(skeleton), (2 * len(vertices), 4))
     weights = rng.dirichlet(np.ones(4), 2 * len(vertices))
-    write_skinned_glb(tmp_path / "x.glb", mesh, skeleton, root, joints, weights)
+    write_skinned_glb(tmp_path / "x.glb", BoundMesh(mesh, skeleton, root, joints, weights))
     back = read_character(tmp_path / "x.glb")
     assert set(back.skeleton.names) == set(skeleton.names)
     at = {n: p for n, p in zip(back.skeleton.names, back.skeleton.rest_positions + back.root_at_rest, strict=True)}
@@ -219,7 +220,7 @@ def test_a_vrm_names_its_bones(tmp_path):
     mesh = StaticMesh(tmp_path / "x.obj", (Surface("body", vertices, triangles),))
     one = np.zeros((len(vertices), 1), np.int64)
     bones = {"hips": rig.roles["hips"], "leftUpperLeg": rig.roles["left_thigh"]}
-    write_skinned_glb(tmp_path / "x.vrm", mesh, rig.skeleton(), rig.joints[0], one, one + 1.0, bones)
+    write_skinned_glb(tmp_path / "x.vrm", BoundMesh(mesh, rig.skeleton(), rig.joints[0], one, one + 1.0, bones))
     back = read_character(tmp_path / "x.vrm")
     assert back.skeleton.names[back.humanoid["leftUpperLeg"]] == "left_thigh"
     data = (tmp_path / "x.vrm").read_bytes()
