@@ -16,8 +16,8 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.blending.joining import join_motions, peak_acceleration
-from muybridge.motion.blending.transitions import JoinOptions, transition
+from muybridge.motion.blending.joins.joining import join_motions, peak_acceleration
+from muybridge.motion.blending.joins.transitions import JoinOptions, transition
 from muybridge.motion.contacts.feet import feet_of_motion
 from muybridge.motion.contacts.find import Contacts
 from muybridge.motion.contacts.footskate import measure_footskate

@@ -11,7 +11,7 @@ from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.blending.alignment import PlanarTransform, place_at, planar_alignment, point_cloud
 from muybridge.motion.blending.distances import dof_distances, point_weights, window_alignments
-from muybridge.motion.blending.planting import Feet
+from muybridge.motion.blending.joins.planting import Feet
 from muybridge.motion.contacts.find import Contacts
 from muybridge.wording import counted
 

@@ -8,9 +8,9 @@ import numpy as np
 from muybridge.arrays import BoolArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.blending.join_places import JoinPlace, check_long_enough, find_joins
-from muybridge.motion.blending.planting import Feet, contacts_across, find_feet
-from muybridge.motion.blending.transitions import JoinOptions, transition
+from muybridge.motion.blending.joins.join_places import JoinPlace, check_long_enough, find_joins
+from muybridge.motion.blending.joins.planting import Feet, contacts_across, find_feet
+from muybridge.motion.blending.joins.transitions import JoinOptions, transition
 from muybridge.motion.contacts.find import Contacts
 
 _PLACES = 4  # that are tried where the transition would be violent

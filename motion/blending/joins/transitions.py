@@ -9,9 +9,9 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.numerics.rotations import continuous_quat, slerp
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.blending.inertialising import inertialise
-from muybridge.motion.blending.join_places import Measure
-from muybridge.motion.blending.quadratic import FEWEST, MOST, smooth_join
+from muybridge.motion.blending.joins.inertialising import inertialise
+from muybridge.motion.blending.joins.join_places import Measure
+from muybridge.motion.blending.joins.quadratic import FEWEST, MOST, smooth_join
 from muybridge.motion.editing.cutting import join
 
 How = Literal["inertial", "crossfade", "quadratic", "align-only"]
