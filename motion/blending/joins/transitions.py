@@ -14,7 +14,7 @@ from muybridge.motion.blending.joins.join_places import Measure
 from muybridge.motion.blending.joins.quadratic import FEWEST, MOST, smooth_join
 from muybridge.motion.editing.cutting import join
 
-How = Literal["inertial", "crossfade", "quadratic", "align-only"]
+How = Literal["inertial", "crossfade", "quadratic", "align"]
 _CROSSFADE_S = 0.4
 _INERTIAL_S = (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
 
@@ -25,7 +25,7 @@ class JoinOptions:
 
     Attributes:
         how: "inertial" lets the difference die away behind the join, "crossfade" fades over about it, "quadratic" fits
-            a parabola about it, "align-only" lays the motions over each other and leaves the jump.
+            a parabola about it, "align" lays the motions over each other and leaves the jump.
         seconds: of the transition; None: of "inertial", the shortest one that is no more violent than the motions
             themselves; of "crossfade" 0.4.
         frames: on either side of the join, of "quadratic": 5 to 20.
@@ -90,7 +90,7 @@ def transition(
         new = inertialise(old, second, min(seconds, ahead), options.bend, enter)
         return join([first.select(slice(0, leave)), new]), min(seconds, ahead)
     cut = join([first.select(slice(0, leave)), second.select(slice(enter, None))])
-    if options.how == "align-only":
+    if options.how == "align":
         return cut, 0.0
     if options.how == "quadratic":
         return smooth_join(cut, leave - 0.5, options.frames), 2 * options.frames / fps

@@ -25,7 +25,7 @@ from scripts.benchmarks.common import print_header
 from scripts.benchmarks.motion.generated_takes import TrueTake, generated_takes
 
 METHODS = {
-    "aligned only": JoinOptions("align-only"),
+    "aligned only": JoinOptions("align"),
     "cross-fade, 0.4 s": JoinOptions("crossfade"),
     "cross-fade, least sum over degrees of freedom": JoinOptions("crossfade", measure="dofs"),
     "quadratic fit, N = 5": JoinOptions("quadratic", frames=5),

@@ -118,6 +118,7 @@ COMMANDS_WITH_OUT = {
     "calibrate scan": ["FOLDER", "--cameras", "FOLDER"], "calibrate world": ["FILE", "--turn-deg", "90"],
     "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"],
     "character": ["FILE", "--rig-only"], "view": ["FILE"],
+    "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"],
 }  # fmt: skip
 
 
