@@ -7,7 +7,7 @@ import tyro
 
 from muybridge.infer.commands.convert import Units
 from muybridge.infer.commands.motion.join import write_made
-from muybridge.infer.pipelines.motions.blending import blend_files, check_files, read_material
+from muybridge.infer.pipelines.characters.blending import blend_files, check_files, read_material
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.formats.registry import ReadOptions

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from muybridge.infer.commands.convert import Units
-from muybridge.infer.pipelines.motions.blending import Made, check_files, join_files, read_material
+from muybridge.infer.pipelines.characters.blending import Made, check_files, join_files, read_material
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.blending import JoinOptions
 from muybridge.motion.editing.channels import duration

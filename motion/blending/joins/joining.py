@@ -1,7 +1,7 @@
 """Motions one behind the other, joined where they are most alike."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.blending.joins.join_places import JoinPlace, check_long_enough, find_joins
 from muybridge.motion.blending.joins.planting import Feet, contacts_across, find_feet
 from muybridge.motion.blending.joins.transitions import JoinOptions, transition
+from muybridge.motion.contacts.feet import feet_of_motion
 from muybridge.motion.contacts.find import Contacts
+from muybridge.motion.contacts.footskate import contact_spans, measure_footskate
 
 _PLACES = 4  # that are tried where the transition would be violent
 _CALM = 0.8  # of the motions' own peak acceleration, that a transition may reach
@@ -28,6 +30,8 @@ class Joined:
         frames: of `motion`, at which the joins are.
         seconds: that each transition lasts.
         contacts: of the feet that were planted; None where none were.
+        transitions: (T,) frames about the joins. Contacts that have one of them were planted, the others are as they
+            were.
         notes: what was assumed or could not be done, one sentence each.
     """
 
@@ -36,7 +40,21 @@ class Joined:
     frames: tuple[int, ...]
     seconds: tuple[float, ...]
     contacts: Contacts | None = None
+    transitions: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     notes: tuple[str, ...] = ()
+
+    def drift(self) -> float:
+        """Metres: the farthest that two places of one heel or ball are apart in one contact that was planted."""
+        if self.contacts is None:
+            return 0.0
+        places = feet_of_motion(self.motion).places
+        largest = 0.0
+        for foot, point in np.ndindex(2, 2):
+            for a, b in contact_spans(self.contacts.contact[:, foot, point]):
+                if self.transitions[a:b].any():
+                    one = np.ones(b - a, np.bool_)
+                    largest = max(largest, measure_footskate(places[a:b, foot, point], one, self.motion.fps).extent)
+        return largest
 
 
 def join_motions(
@@ -74,9 +92,10 @@ def join_motions(
         lasting.append(trial.seconds)
         state = _Played(trial.motion, trial.place.placed(motion), leave - trial.place.enter, trial.standing)
     out, planted = state.whole, None
+    about = _about(frames, lasting, options, len(out), out.fps)
     if feet is not None:
-        out, planted = feet.plant(out, state.standing, _about(frames, lasting, options, len(out), out.fps))
-    return Joined(out, tuple(places), tuple(frames), tuple(lasting), planted, tuple(notes))
+        out, planted = feet.plant(out, state.standing, about)
+    return Joined(out, tuple(places), tuple(frames), tuple(lasting), planted, about, tuple(notes))
 
 
 def peak_acceleration(motion: Motion) -> float:

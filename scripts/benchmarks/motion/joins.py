@@ -1,6 +1,7 @@
 """Joins of generated takes, by every method, in one table.
 
-Usage: python -m scripts.benchmarks.motion.joins [--bodies 10] [--takes 6] [--seed 80] [--json OUT.json]
+Usage: python -m scripts.benchmarks.motion.joins [--bodies 10] [--takes 6] [--seed 80] [--methods inertial]
+    [--json OUT.json]
 
 Takes of 5 s at 60 Hz; each of a body's takes is joined to the next one, of whatever kinds they are: 50 joins of 10
 bodies. Needs the `train` extra.
@@ -49,7 +50,8 @@ def scores(pair: tuple[TrueTake, TrueTake], options: JoinOptions) -> dict[str, f
 
     `pose_mm` and `velocity` are those of the worst joint, mm and m/s, between the frames beside the join: what is left
     of the step there once the steps before and behind are taken off, and what one velocity differs from the next.
-    Accelerations are the peak's share of the largest in both takes; drifts the worst contact's, mm.
+    Accelerations are the peak's share of the largest in both takes; drifts the worst contact's, mm: with planting, of
+    the contacts about the join, which were planted.
     """
     motions = [take.motion for take in pair]
     own = max(peak_acceleration(m) for m in motions)
@@ -68,7 +70,7 @@ def scores(pair: tuple[TrueTake, TrueTake], options: JoinOptions) -> dict[str, f
         "acceleration": peak_acceleration(plain) / own,
         "planted_acceleration": peak_acceleration(planted.motion) / own,
         "drift_mm": drift_mm(plain, planted.contacts),
-        "planted_drift_mm": drift_mm(planted.motion, planted.contacts),
+        "planted_drift_mm": 1e3 * planted.drift(),
     }
 
 
@@ -103,6 +105,7 @@ def main() -> None:
     parser.add_argument("--bodies", type=int, default=10)
     parser.add_argument("--takes", type=int, default=6)
     parser.add_argument("--seed", type=int, default=80)
+    parser.add_argument("--methods", default="", help="only those with this in their names")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     pairs = pairs_of(options.bodies, options.takes, options.seed)
@@ -111,6 +114,8 @@ def main() -> None:
                   "over the data's own", "drift, mm", "planted, mm"])  # fmt: skip
     out = {}
     for name, how in {"the takes themselves": None, **METHODS}.items():
+        if options.methods not in name:
+            continue
         rows = [data_scores(pair) if how is None else scores(pair, how) for pair in pairs]
         values = {column: np.array([row[column] for row in rows]) for column in COLUMNS}
         out[name] = {column: v.tolist() for column, v in values.items()}

@@ -26,6 +26,7 @@ from muybridge.motion.contacts.find import Contacts
 from muybridge.motion.contacts.footskate import measure_footskate
 from muybridge.motion.formats.registry import ReadOptions, can_use, check_writable
 from muybridge.motion.take import Take
+from muybridge.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,8 @@ def join_files(material: Material, options: JoinOptions, at: Sequence[float] = (
     """
     joins = len(material.motions) - 1
     if at and len(at) != 2 * joins:
-        raise MuybridgeError(f"{joins} joins need {2 * joins} times, not {len(at)}: of each, when the one motion is "
-                             "left and when the next one is entered, in seconds of each")  # fmt: skip
+        needs = f"{counted(joins, 'join')} need{'s' if joins == 1 else ''} {2 * joins} times, not {len(at)}"
+        raise MuybridgeError(f"{needs}: of each, when the one motion is left and when the next one is entered")
     times = list(zip(at[::2], at[1::2], strict=True))
     joined = join_motions(material.motions, material.names, options, times)
     fps = joined.motion.fps
@@ -133,7 +134,7 @@ def join_files(material: Material, options: JoinOptions, at: Sequence[float] = (
                     f"{place.enter / fps:.2f} s: frame {frame + 1}, {shown}; poses {place.gap * 1e3:.0f} mm apart, "
                     f"turned by {np.degrees(place.yaw):.0f} degrees")  # fmt: skip
     if joined.contacts is not None:
-        told.append(_drift(joined.motion, joined.contacts))
+        told.append(f"feet move by {joined.drift() * 1e3:.1f} mm at most while they stand about the joins")
     return Made(Take(motion=joined.motion), tuple(told), joined.notes)
 
 

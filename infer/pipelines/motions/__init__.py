@@ -1,1 +1,0 @@
-"""Several files of motion made into one."""
