@@ -94,7 +94,9 @@ def read_material(files: Sequence[Path], options: ReadOptions, fps: float | None
         MuybridgeError: a file cannot be read, holds points, or moves another skeleton than the first one. The message
             names it.
     """
-    motions, names, notices = [], [], []
+    motions: list[Motion] = []
+    names: list[str] = []
+    notices: list[str] = []
     for file in files:
         usable = {name: getattr(options, name) for name in ("units", "clip") if can_use(file, name)}
         take = read_for_command(file, ReadOptions(**usable))
@@ -156,7 +158,8 @@ def blend_files(
     chosen = Weights.checked(weights or [1 / count] * count, count, times)
     curve = register(material.motions, material.names)
     blended = blend_motions(curve, chosen)
-    motion, notices = blended.motion, []
+    motion = blended.motion
+    notices: list[str] = []
     told = [_registered(curve, material.names, k) for k in range(count) if k != curve.reference]
     if plant:
         try:

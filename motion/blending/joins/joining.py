@@ -81,7 +81,9 @@ def join_motions(
     feet, notes = find_feet(motions) if options.plant else (None, [])
     standing = np.zeros((len(motions[0]), 2, 2), np.bool_) if feet is None else feet.contacts[0].contact
     state = _Played(motions[0], motions[0], 0, standing)
-    places, frames, lasting = [], [], []
+    places: list[JoinPlace] = []
+    frames: list[int] = []
+    lasting: list[float] = []
     for k, motion in enumerate(motions[1:]):
         trial = _best_join(state, motion, feet, k + 1, options, at[k] if k < len(at) else (None, None))
         leave = state.begins + trial.place.leave

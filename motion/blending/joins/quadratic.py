@@ -44,7 +44,7 @@ def smooth_join(motion: Motion, join: float, reach: int) -> Motion:
     if len(frames) < basis.shape[1]:
         return motion
     project = basis @ np.linalg.pinv(basis)
-    weight = raised_cosine(frames - join, reach)
+    weight = raised_cosine(np.asarray(frames - join, dtype=np.float64), reach)
 
     def mixed(values: FloatArray) -> FloatArray:
         """(T, ...) with the fit mixed in."""
