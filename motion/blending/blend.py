@@ -54,12 +54,14 @@ class Weights:
             raise MuybridgeError(f"{len(flat)} weights do not fit {motions} motions: give one for each, or one for "
                                  "each at several times")  # fmt: skip
         rows = flat.reshape(-1, motions)
-        if not np.isfinite(rows).all() or (rows < 0).any():
-            raise MuybridgeError(f"a weight must be a number from 0 to 1, not {flat[~(flat >= 0)][0]:g}")
+        if (bad := ~np.isfinite(flat) | (flat < 0)).any():
+            raise MuybridgeError(f"a weight must be a number from 0 to 1, not {flat[bad][0]:g}")
         for row in rows:
+            shown = " ".join(f"{w:g}" for w in row)
+            if not row.sum() > 0:
+                raise MuybridgeError(f"the weights {shown} are all zero; at least one must be above zero")
             if abs(row.sum() - 1) > _SUM:
-                shown = " ".join(f"{w:g}" for w in row)
-                right = " ".join(f"{w:.4g}" for w in row / row.sum()) if row.sum() > 0 else "those that"
+                right = " ".join(f"{w:.4g}" for w in row / row.sum())
                 raise MuybridgeError(f"the weights {shown} sum to {row.sum():g}, not to 1; {right} do")
         times = np.asarray(seconds, dtype=np.float64)
         if len(times) and (len(times) != len(rows) or (np.diff(times) <= 0).any() or not np.isfinite(times).all()):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.ik.two_bone import move_two_bone
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.roles import find_motion_roles
@@ -74,6 +74,7 @@ def plant_feet(
     *,
     roles: Mapping[str, int] | None = None,
     legs: tuple[Leg, Leg] | None = None,
+    where: BoolArray | None = None,
 ) -> Planted:
     """The motion with heels and balls of the feet still while they stand, and never through the floor.
 
@@ -83,6 +84,7 @@ def plant_feet(
         options: how they are planted.
         roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.
+        where: (T,) frames: contacts with none of these stay as they are. None: all are planted.
 
     Raises:
         ValueError: legs are not known, or the contacts are of another number of frames.
@@ -97,11 +99,12 @@ def plant_feet(
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
     if not len(motion):
         return Planted(motion, contacts, 0.0, 0.0, 0.0)
-    contacts = with_floor(contacts, feet_of_motion(motion, roles))
+    if not np.isfinite(contacts.clearance).all():
+        contacts = with_floor(contacts, feet_of_motion(motion, roles))
     world = motion.forward()
     plans = [
         plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
-                  contacts.clearance[k], motion.fps, options.blend, step)
+                  contacts.clearance[k], motion.fps, options.blend, step, where)
         for k, leg in enumerate(legs)
     ]  # fmt: skip
     out, shift, unreached = carry_out(motion, world, legs, plans, options)

@@ -119,6 +119,7 @@ COMMANDS_WITH_OUT = {
     "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"],
     "character": ["FILE", "--rig-only"], "view": ["FILE"], "assist": ["FILE", "--from", "FILE"],
     "match build": ["FILE"], "match play": ["FILE"], "match walk": ["FILE"],
+    "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"],
 }  # fmt: skip
 
 
