@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from muybridge.arrays import Float32Array
 from muybridge.errors import SessionError
 from muybridge.models.characters.rig_network import RigNet
+from muybridge.motion.character.rigging.placement.learned import mirrored_roles
 from muybridge.motion.character.rigging.points import POINTS, upright_points
 from muybridge.train.characters.bodies import ROLES, load_bodies, make_body_shard
 from muybridge.train.characters.options import RiggerTraining
@@ -23,12 +24,6 @@ from muybridge.train.engine.process_pool import map_in_processes
 HELD_OUT = range(0, 1)
 _UNSURE = 0.1  # weight of the expected distance's likelihood
 _TILT, _TURN, _STRETCH = np.radians(2.0), np.radians(6.0), 0.08  # standard deviations of what bodies are changed by
-
-
-def mirror_of_roles() -> np.ndarray:
-    """(J,) the joint on the other side."""
-    other = {"left": "right", "right": "left"}
-    return np.array([ROLES.index("_".join([other.get(w, w) for w in role.split("_")])) for role in ROLES])
 
 
 def given_and_wanted(
@@ -41,7 +36,7 @@ def given_and_wanted(
     else:
         points = points[rng.choice(len(points), POINTS, replace=False)]
         if rng.random() < 0.5:
-            joints = joints[mirror_of_roles()] * np.array([-1, 1, 1], np.float32)
+            joints = joints[mirrored_roles()] * np.array([-1, 1, 1], np.float32)
             points = points * np.array([-1, 1, 1, -1, 1, 1], np.float32)
         turn = Rotation.from_rotvec(rng.normal(0, 1, 3) * [_TILT, _TILT, _TURN]).as_matrix()
         scale = np.exp(rng.normal(0, _STRETCH, 3))

@@ -10,8 +10,10 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
+from muybridge.infer.networks.characters import SkinningNetwork
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, place, write_placed
 from muybridge.infer.pipelines.characters.takes import clip_names
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.character.meshes.read import read_mesh
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
@@ -109,18 +111,20 @@ def influences(weights: FloatArray, most: int = INFLUENCES) -> tuple[IntArray, F
 
 
 def write_rigged(rigged: Rigged, path: Path) -> None:
-    """Weight a mesh to its skeleton, and write both at rest.
+    """Weight a mesh to its skeleton, by heat as the shipped network corrects it, and write both at rest.
 
     Args:
         rigged: to write.
         path: `.glb` or `.vrm`.
 
     Raises:
+        ModelError: the shipped network is missing.
         OutputError: the file cannot be written.
     """
     rig, mesh = rigged.rig, rigged.mesh
     parents = np.asarray(rig.parents, np.int64)
-    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents))
+    network = SkinningNetwork(shipped_model("skinning"))
+    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents, network=network))
     if len(rig.held):
         carried = rig.held >= 0
         joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
