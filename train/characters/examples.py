@@ -60,7 +60,7 @@ def make_shard(folder: pathlib.Path, shard: int, seed: int) -> None:
             arrays[f"{name}_{k}"] = value.astype(kind)
     folder.mkdir(parents=True, exist_ok=True)
     with replacing(folder / f"{shard:05}.npz") as temporary, open(temporary, "wb") as file:
-        np.savez(file, **arrays)
+        np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
 def load_shards(folder: pathlib.Path, shards: range) -> list[WeightExample]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from muybridge.motion.character.surface import connected_parts, vertex_normals
 from muybridge.train.characters.figures import Figure
 
@@ -86,7 +86,7 @@ def with_fewer_joints(figure: Figure, kept: BoolArray) -> Figure:
                    joints=figure.joints[roots], weights=weights)  # fmt: skip
 
 
-def _styled(weights: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _styled(weights: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Weights that are softer or sharper, of at most so many joints, and of one alone where a part is rigid."""
     out = weights ** np.exp(rng.normal(0.1, 0.25))
     most = int(rng.choice([2, 4, 4, 8]))
@@ -253,5 +253,6 @@ def _with_idle_joints(figure: Figure, rng: np.random.Generator) -> Figure:
         joints.append(np.array([0.0, 0.0, 0.0]))
         parents.append(-1)
         names.append("floor")
-    weights = np.pad(figure.weights, ((0, 0), (0, len(names) - figure.weights.shape[1])))
+    weights: Float32Array = np.zeros((len(figure.weights), len(names)), np.float32)
+    weights[:, : figure.weights.shape[1]] = figure.weights
     return replace(figure, joints=np.stack(joints), parents=np.array(parents), names=tuple(names), weights=weights)

@@ -64,8 +64,9 @@ def loss_of(net: nn.Module, batch: loop.Batch) -> tuple[Tensor, Tensor]:
 def evaluate(net: nn.Module, held_out: loop.Batch) -> dict[str, float]:
     """Mean distance of the joints from the true ones on held-out bodies, percent of the height."""
     at = next(net.parameters()).device
-    off = torch.cat([(net(p.to(at))[0] - w.to(at)).norm(dim=-1) for p, w in zip(*(t.split(16) for t in held_out),
-                                                                               strict=True)])  # fmt: skip
+    points, wanted = held_out
+    off = torch.cat([(net(points[k : k + 16].to(at))[0] - wanted[k : k + 16].to(at)).norm(dim=-1)
+                     for k in range(0, len(points), 16)])  # fmt: skip
     return {"mean_percent": 100 * float(off.mean()), "worst_percent": 100 * float(off.amax(1).mean())}
 
 

@@ -10,7 +10,7 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
-from muybridge.infer.networks.characters import SkinningNetwork
+from muybridge.infer.networks.characters import RiggerNetwork, SkinningNetwork
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, place, write_placed
 from muybridge.infer.pipelines.characters.takes import clip_names
 from muybridge.models.shipped import shipped_model
@@ -70,7 +70,7 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
         try:
-            rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options, RiggerNetwork(shipped_model("rigger")))
         except MuybridgeError as error:
             if not whole:
                 raise error.about(str(path)) from None

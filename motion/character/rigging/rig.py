@@ -104,7 +104,8 @@ def rig_mesh(
         vertices: (V, 3) metres, Z up.
         triangles: (F, 3).
         options: how.
-        network: a second opinion on where the joints of people are; None: they are measured alone.
+        network: a second opinion on where the joints of people are; None: they are measured alone. Figures with the
+            proportions of cartoons are always measured alone.
 
     Raises:
         MuybridgeError: the mesh shows no body that the template fits.
@@ -224,8 +225,8 @@ def _embed(
                              remedy="rig_quadruped" if error.four_legs else "rig_template") from None  # fmt: skip
     person = is_person(marks)
     places = place_people(marks) if person else place_stylised(marks)
-    if network is not None:
-        places = agreed(places, person, learned_places(vertices, triangles, network))
+    if network is not None and person:  # it knows figures with other proportions no better than the shape does
+        places = agreed(places, learned_places(vertices, triangles, network))
     notes = [] if person else ["its proportions are no person's, so joints follow its shape alone"]
     if "left_index_1" in template.parents:
         seen = []

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from muybridge.arrays import Float32Array, FloatArray, IndexArray, IntArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from muybridge.motion.character.surface import Surface
 from muybridge.motion.character.weights.bones import Bones
 from muybridge.motion.character.weights.heat import heat_weights
@@ -104,7 +104,7 @@ def _features(
     def ratio(table: FloatArray) -> FloatArray:
         with np.errstate(invalid="ignore"):
             value = np.log((pick(table) + 1e-3 * size) / (table.min(axis=1, keepdims=True) + 1e-3 * size))
-        return np.nan_to_num(np.minimum(value, _MOST_LOG), nan=_MOST_LOG)
+        return np.asarray(np.nan_to_num(np.minimum(value, _MOST_LOG), nan=_MOST_LOG))
 
     distance = _by_joint(bones, ways.distance)
     segment = _nearest_segment(bones, ways.distance)[rows, joint]
@@ -119,12 +119,12 @@ def _features(
     area = surface.areas / max(float(surface.areas.sum()), 1e-300)
     island, number = surface.islands, int(surface.islands.max()) + 1
     owned = np.bincount(heats[0].argmax(axis=1), area, bones.count)
-    mean = np.stack([np.bincount(island, area * heats[0][:, j], number) for j in range(bones.count)], axis=1)
+    whole = np.stack([np.bincount(island, area * heats[0][:, j], number) for j in range(bones.count)], axis=1)
     share = np.bincount(island, area, number)
-    mean /= np.maximum(share, 1e-12)[:, None]
+    mean: FloatArray = whole / np.maximum(share, 1e-12)[:, None]
     edge, crease = _shape(surface)
 
-    def of_point(value: FloatArray) -> FloatArray:
+    def of_point(value: FloatArray | IntArray | BoolArray) -> FloatArray:
         return np.broadcast_to(np.asarray(value, np.float64).reshape(-1, 1), joint.shape)
 
     columns = [
@@ -194,7 +194,7 @@ def _parent_places(joint: IndexArray, exists: FloatArray, above: IntArray) -> In
     wanted = above[joint]
     found = (joint[:, None, :] == wanted[:, :, None]) & (exists[:, None, :] > 0) & (exists[:, :, None] > 0)
     found &= wanted[:, :, None] >= 0
-    return np.where(found.any(axis=2), found.argmax(axis=2), joint.shape[1])
+    return np.asarray(np.where(found.any(axis=2), found.argmax(axis=2), joint.shape[1]))
 
 
 def _same_joint(surface: Surface, joint: IndexArray, exists: FloatArray) -> IndexArray:
@@ -205,7 +205,7 @@ def _same_joint(surface: Surface, joint: IndexArray, exists: FloatArray) -> Inde
     match = (other[:, :, None, :] == joint[:, None, :, None]) & (exists[np.maximum(neighbour, 0)] > 0)[:, :, None, :]
     match &= (exists > 0)[:, None, :, None] & (neighbour >= 0)[:, :, None, None]
     at = neighbour[:, :, None] * width + match.argmax(axis=3)
-    return np.where(match.any(axis=3), at, count * width)
+    return np.asarray(np.where(match.any(axis=3), at, count * width))
 
 
 def _neighbours(surface: Surface) -> IntArray:

@@ -50,7 +50,7 @@ def voxel_distance(surface: Surface, bones: Bones) -> FloatArray:
         straight = bones.distance(points[lost])
         for s, j in enumerate(bones.joint):
             distance[lost, j] = np.minimum(distance[lost, j], straight[:, s])
-    return np.maximum(distance, 0.5 * cell)
+    return np.asarray(np.maximum(distance, 0.5 * cell))
 
 
 def _cell(surface: Surface) -> float:

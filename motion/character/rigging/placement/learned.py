@@ -13,6 +13,8 @@ from muybridge.motion.character.rigging.templates import TEMPLATES
 RigNetwork = Callable[[Float32Array], tuple[FloatArray, FloatArray]]
 ROLES = TEMPLATES["human"].roles
 _DRAWS = 3  # sets of points, each also mirrored
+_SHARE = 0.6  # of the network where both agree
+_APART = 2.0  # times the expected distance up to which they do
 _OTHER = {"left": "right", "right": "left"}
 
 
@@ -64,16 +66,21 @@ def learned_places(vertices: FloatArray, triangles: IntArray, network: RigNetwor
                    float(np.mean(heights)))  # fmt: skip
 
 
-def agreed(measured: Mapping[str, FloatArray], person: bool, seen: Opinion) -> dict[str, FloatArray]:
-    """Role -> (3,) metres, between what is measured and what a network sees, nearer to what is more certain.
+def agreed(measured: Mapping[str, FloatArray], seen: Opinion) -> dict[str, FloatArray]:
+    """Role -> (3,) metres, between what is measured and what a network sees.
+
+    Two opinions that are near to each other are averaged, since their errors have little in common. Where they are
+    farther apart than the network expects to be off, the network is right more often: it has seen other proportions
+    than those of people.
 
     Args:
         measured: role -> (3,) metres.
-        person: whether the body has the proportions of a person, for which the measured places are more certain.
         seen: by the network.
     """
     out = dict(measured)
     for role, place in seen.places.items():
-        share = 0.5
-        out[role] = (1 - share) * np.asarray(measured[role]) + share * place
+        if role in measured:
+            apart = float(np.linalg.norm(np.asarray(measured[role]) - place))
+            share = _SHARE if apart <= _APART * seen.expected[role] else 1.0
+            out[role] = (1 - share) * np.asarray(measured[role]) + share * place
     return out
