@@ -46,6 +46,7 @@ REMEDIES: dict[str, str] = {
     "other_folder": "choose another folder",
     "other_name": "choose another name",
     "other_session": "choose another folder, or pass overwrite=True",
+    "other_skeleton": "put it onto the same skeleton first with muybridge.motion.retargeting.retarget",
     "overwrite": "choose another name, or pass overwrite=True",
     "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",
@@ -71,6 +72,7 @@ REMEDIES: dict[str, str] = {
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "up_axis": "pass `up`, y or z",
+    "usd_extra": "install the extra `usd` (pip install 'muybridge[usd]')",
     "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

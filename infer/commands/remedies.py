@@ -53,6 +53,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "other_folder": "choose another folder with --out",
     "other_name": "choose another name",
     "other_session": "choose another --out, or give --overwrite",
+    "other_skeleton": "put it onto the same skeleton first: `muybridge retarget TAKE --to CHARACTER --out OUT`",
     "overwrite": "choose another name, or give --overwrite",
     "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or give the lens with --lenses",
@@ -79,6 +80,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
     "up_axis": "give --up y or --up z",
+    "usd_extra": "install it with `pip install 'muybridge[usd]'`",
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }

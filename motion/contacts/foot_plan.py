@@ -63,9 +63,26 @@ def plan_foot(
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
     place = ankle + moved
-    deep = np.max([clearance[p] - floor.heights(place + turned @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
-    moved = moved + _lift(deep, ~standing, fps)[:, None] * np.array(floor.normal)
+    moved = moved + lift_out(place, turned, leg, standing, floor, clearance, fps)
     return FootPlan(ankle + moved, turned, moved)
+
+
+def lift_out(
+    place: FloatArray, turns: FloatArray, leg: Leg, standing: BoolArray, floor: Floor, clearance: FloatArray, fps: float
+) -> FloatArray:
+    """(T, 3) metres, smooth, by which an ankle is lifted where its foot would be in the floor and does not stand.
+
+    Args:
+        place: (T, 3) metres, of the ankle.
+        turns: (T, 3, 3) world from foot.
+        leg: heel and ball from the ankle.
+        standing: (T,) frames to be left alone.
+        floor: which the foot may not pass.
+        clearance: (2,) metres of heel and ball over it.
+        fps: frames per second.
+    """
+    deep = np.max([clearance[p] - floor.heights(place + turns @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
+    return np.asarray(_lift(deep, ~standing, fps)[:, None] * np.array(floor.normal))
 
 
 def _offset(leg: Leg, point: int) -> FloatArray:

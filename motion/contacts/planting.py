@@ -104,6 +104,25 @@ def plant_feet(
                   contacts.clearance[k], motion.fps, options.blend, step)
         for k, leg in enumerate(legs)
     ]  # fmt: skip
+    out, shift, unreached = carry_out(motion, world, legs, plans, options)
+    return Planted(out, contacts, shift, float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), unreached)
+
+
+def carry_out(
+    motion: Motion, world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], options: PlantOptions
+) -> tuple[Motion, float, float]:
+    """A motion with its feet where they are planned, by the root and the legs.
+
+    Args:
+        motion: Z up.
+        world: (T, J, 4, 4) its joints in the world.
+        legs: left and right.
+        plans: of the left and the right foot.
+        options: how the root follows.
+
+    Returns:
+        The motion; metres, the farthest that the root was moved; metres, the farthest that an ankle is from its plan.
+    """
     shift = _root_shift(world, legs, plans, motion.fps, options)
     motion = _with_feet_sliding(motion, legs)
     turns = matrix_from_quat(motion.quat_wxyz)
@@ -112,10 +131,7 @@ def plant_feet(
         short[:, k], ankle = _bend_leg(motion, world, turns, leg, plan, shift)
         ankles.append(ankle)
     out = _moved(motion, world, turns, shift, legs, ankles)
-    return Planted(
-        out, contacts, float(np.linalg.norm(shift, axis=1).max()),
-        float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
-    )  # fmt: skip
+    return out, float(np.linalg.norm(shift, axis=1).max()), float(np.abs(short).max())
 
 
 def _but_blends(contacts: Contacts, motion: Motion, legs: tuple[Leg, Leg], step: float) -> Contacts:
