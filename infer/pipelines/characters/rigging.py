@@ -56,6 +56,7 @@ def rig_static(
 
     Raises:
         FormatError: the file of joints cannot be read.
+        ModelError: the shipped network is missing.
         MuybridgeError: the mesh shows no body of the template.
     """
     path = mesh.path
@@ -70,8 +71,9 @@ def rig_static(
     if known.new_from_old is not None and whole:
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
+        network = RiggerNetwork(shipped_model("rigger"))
         try:
-            rig = rig_mesh(mesh.vertices, mesh.triangles, options, RiggerNetwork(shipped_model("rigger")))
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options, network)
         except MuybridgeError as error:
             if not whole:
                 raise error.about(str(path)) from None
