@@ -71,5 +71,5 @@ def cheapest_path(distances: FloatArray, skipping: float, free: int, most: int) 
             i -= 1
         else:
             j -= 1
-        state = np.int64(before)
+        state = int(before)
     return way[:count][::-1].copy()

@@ -70,7 +70,7 @@ class Weights:
     def at(self, seconds: float, share: float) -> FloatArray:
         """(N,) the weights after some seconds, `share` of the way through the blend."""
         if len(self.values) == 1:
-            return self.values[0]
+            return np.asarray(self.values[0])
         known = np.linspace(0, 1, len(self.values)) if self.seconds is None else self.seconds
         x = share if self.seconds is None else seconds
         k = int(np.clip(np.searchsorted(known, x, side="right") - 1, 0, len(known) - 2))

@@ -63,7 +63,7 @@ def warp_path(distances: FloatArray, free: float = 0.0, slope: int = 3) -> IntAr
     return np.asarray(way)
 
 
-def fit_warp(way: IntArray, knot_frames: float, slope: float = 3.0) -> TimeWarp:
+def fit_warp(way: FloatArray, knot_frames: float, slope: float = 3.0) -> TimeWarp:
     """A smooth time warp along a way.
 
     Args:

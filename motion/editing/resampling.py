@@ -38,7 +38,7 @@ def resample(thing: T, fps: float) -> T:
         raise MuybridgeError(f"frames per second must be above 0 and at most {_MOST_FPS:,.0f}, not {fps:g}")
     count = frame_count(thing)
     new = int(np.floor((count - 1) / thing.fps * fps + _SAME_TIME)) + 1
-    at = np.arange(new) * thing.fps / fps
+    at: FloatArray = np.arange(new, dtype=np.float64) * thing.fps / fps
     if isinstance(thing, Motion):
         return cast(T, replace(motion_at(thing, at), fps=fps))  # type: ignore[redundant-cast]
     before, share = _places(at, count)

@@ -99,7 +99,7 @@ def _bend(pose: Motion, joints: tuple[int, int, int], goal: FloatArray) -> tuple
     """The pose with the limb's end at its goal, and metres by which it is out of reach."""
     a, b, c = joints
     world = pose.forward()
-    places = tuple(world[:, j, :3, 3] for j in joints)
+    places = world[:, a, :3, 3], world[:, b, :3, 3], world[:, c, :3, 3]
     ahead = np.cross(places[2] - places[0], np.array([1.0, 0.0, 0.0]))  # matters to a straight limb alone
     if np.linalg.norm(ahead) < 1e-6:
         ahead = np.array([[0.0, -1.0, 0.0]])

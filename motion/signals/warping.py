@@ -182,7 +182,7 @@ def keys_of_motion(poses: Motion, motion: Motion, times: Sequence[float] = ()) -
     for j, to in enumerate(here):
         if translations is not None and to in slides:  # a single pose has no sliding joints: its bones hold the place
             k = skeleton.sliding.index(to)
-            moving = poses.translations is not None and j in own.sliding
-            translations[:, k] = poses.translations[:, own.sliding.index(j)] if moving else own.offsets[j]
+            own_slides = poses.translations if j in own.sliding else None
+            translations[:, k] = own.offsets[j] if own_slides is None else own_slides[:, own.sliding.index(j)]
     root = poses.root_positions_world if here[0] == 0 else None
     return KeyPoses(frames, quat, keyed, root, translations)

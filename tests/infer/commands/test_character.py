@@ -12,6 +12,7 @@ from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.character.rigging.joints_file import read_joints, write_joints
+from muybridge.motion.formats.gltf.container import Document
 from muybridge.motion.formats.registry import read_file
 from tests.geometry.roles.bodies import human
 from tests.infer.commands.test_retarget import body_file
@@ -57,6 +58,33 @@ def test_takes_that_cannot_be_read_are_named_and_the_others_written(tmp_path, he
     monkeypatch.setattr("muybridge.infer.commands.motion.character.rig_static", late)
     assert str(broken) in refused(capsys, hero, motion=(broken,), out=tmp_path / "other.glb")
     assert not (tmp_path / "other.glb").exists()
+
+
+def test_a_skinning_method_is_baked_into_morph_targets(tmp_path, hero, capsys):
+    """What a viewer does, linear blending of the mesh with its morph targets, is what the method does."""
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
+    assert character(hero, motion=(take,), out=out, skinning="dual-quaternion") == 0
+    assert "within" in capsys.readouterr().err
+    document = Document(out)
+    clip = document.json["animations"][0]
+    channel = next(c for c in clip["channels"] if c["target"]["path"] == "weights")
+    assert "mesh" in document.json["nodes"][channel["target"]["node"]]
+    sampler = clip["samplers"][channel["sampler"]]
+    hero_read = read_character(out)
+    names = document.json["meshes"][0]["extras"]["targetNames"]
+    weights = document.accessor(sampler["output"]).reshape(-1, len(names))
+    motion = hero_read.motion
+    assert len(weights) == len(motion) == len(document.accessor(sampler["input"]))
+    plain = 0.0
+    for t in range(0, len(motion), 6):
+        frame = motion.select([t])
+        exact = hero_read.pose(frame, "dual-quaternion")[0]
+        shown = hero_read.pose(frame, morph_weights=dict(zip(names, weights[t], strict=True)))[0]
+        assert apart(shown, exact) < 1.1e-3
+        plain = max(plain, apart(hero_read.pose(frame)[0], exact))
+    assert plain > 2e-3  # without the targets it is not
+    assert ".glb and .vrm" in refused(capsys, hero, motion=(take,), out=tmp_path / "a.fbx", skinning="delta-mush")
+    assert "no take" in refused(capsys, hero, rig_only=True, out=tmp_path / "a.glb", skinning="delta-mush")
 
 
 def test_an_fbx_moves_as_the_glb_does(tmp_path, hero):
