@@ -232,8 +232,9 @@ def decimated(figure: Figure, most: int) -> Figure:
     a, b, c = triangles.T
     triangles = np.unique(triangles[(a != b) & (b != c) & (c != a)], axis=0)
     used, corner = np.unique(triangles, return_inverse=True)
+    mean = (weights[used] / number[used, None]).astype(np.float32)
     return replace(figure, vertices=vertices[used], triangles=corner.reshape(-1, 3).astype(np.int64),
-                   weights=weights[used] / number[used, None].astype(np.float32))  # fmt: skip
+                   weights=mean)  # fmt: skip
 
 
 def _with_idle_joints(figure: Figure, rng: np.random.Generator) -> Figure:

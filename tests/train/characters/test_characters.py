@@ -127,6 +127,7 @@ def test_steps_lower_the_distance_of_the_joints(sampler):
     assert losses[-1] < 0.6 * losses[0]
 
 
+@pytest.mark.slow
 def test_exported_files_match_torch_and_say_what_they_are(tmp_path):
     torch.manual_seed(0)
     weights, rig = WeightNet(len(FEATURES)).eval(), RigNet(len(ROLES)).eval()
