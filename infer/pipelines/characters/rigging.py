@@ -10,7 +10,9 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
+from muybridge.infer.networks.characters import RiggerNetwork, SkinningNetwork
 from muybridge.infer.pipelines.characters.retarget import Placed, Target, write_placed
+from muybridge.models.shipped import shipped_model
 from muybridge.motion.character.meshes.bound_mesh import BoundMesh, NamedMotion
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
 from muybridge.motion.character.meshes.write_fbx import write_skinned_fbx
@@ -54,6 +56,7 @@ def rig_static(
 
     Raises:
         FormatError: the file of joints cannot be read.
+        ModelError: the shipped network is missing.
         MuybridgeError: the mesh shows no body of the template.
     """
     path = mesh.path
@@ -68,8 +71,9 @@ def rig_static(
     if known.new_from_old is not None and whole:
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
+        network = RiggerNetwork(shipped_model("rigger"))
         try:
-            rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options, network)
         except MuybridgeError as error:
             if not whole:
                 raise error.about(str(path)) from None
@@ -110,15 +114,19 @@ def influences(weights: FloatArray, most: int = INFLUENCES) -> tuple[IntArray, F
 
 
 def bind_mesh(rigged: Rigged, humanoid: bool = False) -> BoundMesh:
-    """A mesh weighted to its skeleton.
+    """A mesh weighted to its skeleton, by heat as the shipped network corrects it.
 
     Args:
         rigged: mesh and skeleton.
         humanoid: whether the joints are named as VRM's bones, too.
+
+    Raises:
+        ModelError: the shipped network is missing.
     """
     rig, mesh = rigged.rig, rigged.mesh
     parents = np.asarray(rig.parents, np.int64)
-    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents))
+    network = SkinningNetwork(shipped_model("skinning"))
+    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents, network=network))
     if len(rig.held):
         carried = rig.held >= 0
         joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
