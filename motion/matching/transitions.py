@@ -1,6 +1,6 @@
 """What is left of the differences at transitions, while the figure goes on: an inertialised transition, frame by frame.
 
-See `muybridge.motion.blending.inertialising`, which does this to whole motions.
+See `muybridge.motion.blending.joins.inertialising`, which does this to whole motions.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import continuous_quat, multiply_quat, quat_from_rotvec
 from muybridge.geometry.skeleton.motion import Motion
-from muybridge.motion.blending.inertialising import inertial_decay, rotation_offsets
+from muybridge.motion.blending.joins.inertialising import inertial_decay, rotation_offsets
 
 
 @dataclass(frozen=True, eq=False)
