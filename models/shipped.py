@@ -8,9 +8,9 @@ from typing import Literal
 
 from muybridge.errors import ModelError
 
-ModelKind = Literal["keypoints", "people", "labels", "solver"]
+ModelKind = Literal["keypoints", "people", "labels", "solver", "skinning", "rigger"]
 Precision = Literal["int8", "fp32"]
-_KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver")
+_KINDS: tuple[ModelKind, ...] = ("keypoints", "people", "labels", "solver", "skinning", "rigger")
 
 
 def shipped_model(kind: ModelKind, precision: Precision = "fp32") -> Path:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from muybridge.train.characters.options import RiggerTraining, SkinningTraining
 from muybridge.train.correction.options import SolverTraining
 from muybridge.train.keypoints.options import Adaptation, Evaluation, KeypointTraining
 from muybridge.train.labelling.options import LabelTraining
@@ -17,6 +18,8 @@ _Network = Annotated[
     | Annotated[PeopleTraining, tyro.conf.subcommand("people")]
     | Annotated[LabelTraining, tyro.conf.subcommand("labels")]
     | Annotated[SolverTraining, tyro.conf.subcommand("solver")]
+    | Annotated[RiggerTraining, tyro.conf.subcommand("rigger")]
+    | Annotated[SkinningTraining, tyro.conf.subcommand("skinning")]
     | Annotated[Adaptation, tyro.conf.subcommand("adapt")],
     tyro.conf.arg(name=""),
 ]
@@ -64,6 +67,10 @@ def train(network: _Network) -> None:
         _train_labels(network)
     elif isinstance(network, SolverTraining):
         _train_solver(network)
+    elif isinstance(network, RiggerTraining):
+        _train_rigger(network)
+    elif isinstance(network, SkinningTraining):
+        _train_skinning(network)
     else:
         from muybridge.train.keypoints.adapt_export import adapt
 
@@ -107,6 +114,24 @@ def _train_solver(options: SolverTraining) -> None:
     path = options.out / "solver.onnx"
     publish_solver(solver.train(options), path, options.out / "fits", _command_line())
     print(f"wrote {path}; use it with `muybridge solve POINTS --network {path}`")
+
+
+def _train_rigger(options: RiggerTraining) -> None:
+    from muybridge.train.characters import train_joints as rigger
+    from muybridge.train.characters.export_joints import publish_rigger
+
+    path = options.out / "rigger.onnx"
+    publish_rigger(rigger.train(options), path, options.out / "bodies", _command_line())
+    print(f"wrote {path}")
+
+
+def _train_skinning(options: SkinningTraining) -> None:
+    from muybridge.train.characters import train_weights as skinning
+    from muybridge.train.characters.export_weights import publish_skinning
+
+    path = options.out / "skinning.onnx"
+    publish_skinning(skinning.train(options), path, options.out / "examples", _command_line())
+    print(f"wrote {path}")
 
 
 def evaluate(

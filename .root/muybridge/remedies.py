@@ -74,6 +74,7 @@ REMEDIES: dict[str, str] = {
     "unit_of_points": "read the file with units={unit!r}",
     "unwritable": "choose a folder you may write to, or free its disk",
     "up_axis": "pass `up`, y or z",
+    "usd_extra": "install the extra `usd` (pip install 'muybridge[usd]')",
     "use_muybridge_model": "pass a model that muybridge exported, or none to use the shipped one",
     "video_rotated": 'pass "rotate-cw" or "rotate-ccw", or calibrate with the camera as it records',
 }

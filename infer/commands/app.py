@@ -32,10 +32,14 @@ if TYPE_CHECKING:
 GROUP = "muybridge.commands"
 _log = logging.getLogger(__name__)
 _FIRST = ("run", "demo")
+# OpenBLAS starts a thread for every core as soon as numpy or scipy is loaded, and they spin while they wait for work.
+# Nothing here has matrices large enough to gain by them; whoever does can set the variable.
+_ONE_THREAD = "OPENBLAS_NUM_THREADS"
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
+    os.environ.setdefault(_ONE_THREAD, "1")
     sys.exit(run_command(sys.argv[1:] if argv is None else list(argv)))
 
 

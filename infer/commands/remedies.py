@@ -82,6 +82,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "unit_of_points": "give --units {unit}",
     "unwritable": "free its disk or choose another --out",
     "up_axis": "give --up y or --up z",
+    "usd_extra": "install it with `pip install 'muybridge[usd]'`",
     "use_muybridge_model": "name a model that muybridge exported, or leave the option out to use the shipped one",
     "video_rotated": "give --video-size rotate-cw or rotate-ccw, or calibrate with the camera as it records",
 }

@@ -6,10 +6,11 @@ objects that only look like them.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
@@ -17,11 +18,13 @@ from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.orientation import Letterbox
 
+_T = TypeVar("_T", bound=np.integer)
+
 # With fewer frames than this the background is unknown.
 _PLATE_MIN_FRAMES = 3
 # Exposure is compared on every n-th pixel that is neither dark nor saturated; on at least so many, which agree within
 # this share.
-_STRIDE, _DARK, _BRIGHT, _LEAST_PIXELS, _AGREEMENT = 3, 20, 235, 200, 0.08
+_STRIDE, _DARK, _BRIGHT, _LEAST_PIXELS, _AGREEMENT = 5, 20, 235, 200, 0.08
 # Thickness of people, in longer sides of their landmarks' own box: limbs, and the disc around each landmark.
 _LIMB, _JOINT, _HEAD = 0.13, 0.05, 0.1
 
@@ -62,8 +65,7 @@ class BackgroundPlate:
     def plate(self) -> ByteArray | None:
         """(h, w, 3), or None while there are too few frames."""
         if self._plate is None and len(self._kept) >= _PLATE_MIN_FRAMES:
-            middle = len(self._kept) // 2
-            self._plate = np.partition(np.stack(self._kept, axis=-1), middle, axis=-1)[..., middle]
+            self._plate = sort_images(np.stack(self._kept))[len(self._kept) // 2]
         return self._plate
 
     def without(self, people: BoolArray) -> ByteArray | None:
@@ -78,13 +80,45 @@ class BackgroundPlate:
         if plate is None:
             return None
         free = (~people).sum(axis=0)
-        kept = np.stack(self._kept).astype(np.float32)
-        kept[people] = np.inf  # sorted to the end
-        kept.sort(axis=0)
+        kept = np.stack(self._kept).astype(np.int16)
+        kept[people] = 256  # sorted to the end
+        kept = sort_images(kept)
         seen = free >= _PLATE_MIN_FRAMES
         middle = np.where(seen, free // 2, 0)[None, :, :, None]
         median = np.take_along_axis(kept, middle, axis=0)[0]
         return np.where(seen[..., None], median, plate).astype(np.uint8)
+
+
+def sort_images(images: NDArray[_T]) -> NDArray[_T]:
+    """Sort the values of every pixel over the images.
+
+    Batcher's odd-even merge sort (Knuth, The Art of Computer Programming 3, 5.2.2, algorithm M): a fixed list of pairs
+    of images, of which the smaller and the larger value of every pixel are taken. Whole images are compared at once,
+    which is some twenty times as fast as sorting a few values for each pixel.
+
+    Args:
+        images: (K, ...) integers, overwritten.
+
+    Returns:
+        (K, ...) the same array, ascending along its first axis.
+    """
+    count = len(images)
+    top = 1 << max(count - 1, 0).bit_length() - 1 if count > 1 else 0
+    step = top
+    lower = np.empty_like(images[0])
+    while step > 0:
+        other, pattern, distance = top, 0, step
+        while True:
+            for i in range(count - distance):
+                if i & step == pattern:
+                    np.minimum(images[i], images[i + distance], out=lower)
+                    np.maximum(images[i], images[i + distance], out=images[i + distance])
+                    images[i] = lower
+            if other == step:
+                break
+            distance, other, pattern = other - step, other >> 1, step
+        step >>= 1
+    return images
 
 
 class SmallFrames(NamedTuple):

@@ -273,7 +273,7 @@ class _CameraWork:
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
         size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
-        repeats, watch = RepeatedFrames(), DamageWatch(video)
+        repeats, watch = RepeatedFrames(video.width, video.height), DamageWatch(video)
         lasts = self.session.lasts(self.index)
         index = self.session.frame_indices[self.index, :lasts]
         # A temporary copy: speed matters more than size.
@@ -282,8 +282,7 @@ class _CameraWork:
                 if self.stop.is_set():
                     raise Stopped
                 for frame in frames:
-                    writer.write(frame)
-                    repeats.add(frame)
+                    repeats.add(writer.write(frame))
                     stretch_contrast(frame)
                 estimator.process(frames)
                 self.task.advance(len(frames))

@@ -34,14 +34,15 @@ class RepeatedFrames:
     slow movements become visible.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, width: int, height: int) -> None:
+        """For frames of a video of `width` x `height` px, which may be given at a smaller size."""
+        self._grid = max(1, width // _BLOCK_PX), max(1, height // _BLOCK_PX)
         self._last: ByteArray | None = None
         self._repeats: list[bool] = []
 
     def add(self, frame: ByteArray) -> None:
-        """Compare the next frame, (H, W, 3)."""
-        height, width = (max(1, side // _BLOCK_PX) for side in frame.shape[:2])
-        coarse = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        """Compare the next frame, (H, W, 3), of the video's size or scaled down."""
+        coarse = np.asarray(cv2.resize(frame, self._grid, interpolation=cv2.INTER_AREA), np.uint8)
         same = self._last is not None and int(cv2.absdiff(coarse, self._last).max()) <= _SAME
         self._repeats.append(same)
         self._last = self._last if same else coarse

@@ -1,3 +1,5 @@
+from .characters import RiggerNetwork as RiggerNetwork
+from .characters import SkinningNetwork as SkinningNetwork
 from .correction import SolverNetwork as SolverNetwork
 from .external import ExternalModel as ExternalModel
 from .external import open_keypoints as open_keypoints
@@ -15,6 +17,8 @@ __all__ = [
     "Models",
     "OnnxOptions",
     "PeopleNetwork",
+    "RiggerNetwork",
+    "SkinningNetwork",
     "SolverNetwork",
     "open_keypoints",
     "open_models",

@@ -50,6 +50,7 @@ from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, StageResult, Stages
+from muybridge.infer.runtime.threads import opencv_in_one_thread
 from muybridge.infer.session.damage import DamageWatch, damage_notice
 from muybridge.infer.session.probe import VideoInfo
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
@@ -112,6 +113,7 @@ class _Markers:
     cleaned: StageResult
 
 
+@opencv_in_one_thread()
 def run_marker_session(
     path: Path, out: Path | None, session_options: SessionOptions, options: MarkerVideoOptions, overwrite: bool,
     progress: Progress,

@@ -44,6 +44,7 @@ from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
+from muybridge.infer.runtime.threads import opencv_in_one_thread
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
 from muybridge.infer.viewer.data import Scene
@@ -147,6 +148,7 @@ def result_names(camera_files: Sequence[str]) -> tuple[str, ...]:
     return (*people, *(overlay_name(name) for name in camera_files), CALIBRATION)
 
 
+@opencv_in_one_thread()
 def run_session(
     path: Path, out: Path | None, options: RunOptions, progress: Progress, character: RunCharacter | None = None
 ) -> RunResult:

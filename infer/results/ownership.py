@@ -15,7 +15,7 @@ from muybridge.files import cannot_write, temporary_path
 _MOST_BYTES = 1 << 20
 _MARK = re.compile(
     rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge'
-    rb'|<meta name="generator" content="muybridge (?:view|graph)">|\APK\x03\x04[\s\S]{26}muybridge_graph\.npy',
+    rb'|<meta name="generator" content="muybridge (?:view|match|graph)">|\APK\x03\x04[\s\S]{26}muybridge_graph\.npy',
     re.M,
 )
 

@@ -1,9 +1,12 @@
-"""Jobs in threads that stop together."""
+"""Jobs in threads that stop together, and libraries without threads of their own."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import TypeVar
+
+import cv2
 
 _T = TypeVar("_T")
 
@@ -37,6 +40,18 @@ def in_threads(jobs: Sequence[Callable[[], _T]], workers: int, stop: threading.E
         if error is not None and not isinstance(error, Stopped):
             raise error
     return [future.result() for future in futures]
+
+
+@contextmanager
+def opencv_in_one_thread() -> Iterator[None]:
+    """Keep OpenCV from starting threads of its own: cameras run in parallel already, and its threads spin while they
+    wait for work. (The command line does the same to BLAS, which has to be told before numpy is loaded.)"""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 class Stopped(Exception):

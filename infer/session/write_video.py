@@ -53,15 +53,17 @@ class VideoWriter:
     def __enter__(self) -> "VideoWriter":
         return self
 
-    def write(self, image: ByteArray) -> None:
-        """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs.
+    def write(self, image: ByteArray) -> ByteArray:
+        """Add one (H, W, 3) RGB frame, scaled to the file's size where it differs; returns it as it was added.
 
         Raises:
             OutputError: the file cannot be written.
         """
         if (image.shape[1], image.shape[0]) != self.size:
             image = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        self._encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24"))
+        image = np.ascontiguousarray(image)
+        self._encode(av.VideoFrame.from_ndarray(image, format="rgb24"))
+        return image
 
     def _encode(self, frame: av.VideoFrame | None) -> None:
         """Encode a frame; None flushes what the encoder still holds."""

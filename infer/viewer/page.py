@@ -4,6 +4,7 @@ import html
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from typing import Any
 
 from muybridge.infer.viewer.data import Scene
 
@@ -23,15 +24,13 @@ def render_page(scenes: Sequence[Scene], side_by_side: bool = False) -> str:
     title = ", ".join(scene.packed["name"] for scene in scenes)
     parts = {"title": html.escape(title), "style": component_style(), "component": component(scenes, side_by_side),
              "script": component_script()}  # fmt: skip
-    return _filled("viewer.html", parts)
+    return filled("viewer.html", parts)
 
 
 def component(scenes: Sequence[Scene], side_by_side: bool = False) -> str:
     """The element that shows some files, for any page that has `component_style` and, behind it, `component_script`."""
     data = {"takes": [scene.packed for scene in scenes], "apart": side_by_side}
-    # No `</script>` or `<!--` in a name can close or open anything.
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return _filled("component.html", {"data": text})
+    return filled("component.html", {"data": embedded_json(data)})
 
 
 def component_style() -> str:
@@ -41,10 +40,22 @@ def component_style() -> str:
 
 def component_script() -> str:
     """What stands in a `<script>` element behind all components of a page; it leaves no name in the page."""
-    script = "\n".join(read_asset(name) for name in ("maths.js", "drawing.js", "viewer.js"))
+    return joined_scripts("maths.js", "drawing.js", "camera.js", "viewer.js")
+
+
+def joined_scripts(*names: str) -> str:
+    """Scripts of the package in one scope of their own."""
+    script = "\n".join(read_asset(name) for name in names)
     return f"(() => {{\n{script}}})();"
 
 
-def _filled(template: str, parts: Mapping[str, str]) -> str:
+def embedded_json(data: Any) -> str:
+    """Data as JSON that may stand in a `<script>` element: no `</script>` or `<!--` in a name can close or open
+    anything."""
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """A template of the package with its parts put in, by the names that stand between `@@`."""
     pieces = read_asset(template).split("@@")
     return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))

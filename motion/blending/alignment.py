@@ -11,6 +11,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.editing.channels import placed
 
 
@@ -29,11 +30,16 @@ class PlanarTransform:
     distance: FloatArray
 
 
+def bone_ends(skeleton: Skeleton) -> list[int]:
+    """The joints whose bones end without a further joint; their tips follow the joints in `point_cloud`."""
+    return [j for j in range(len(skeleton)) if np.isfinite(skeleton.tips[j]).all() and skeleton.tips[j].any()]
+
+
 def point_cloud(motion: Motion) -> FloatArray:
     """(T, N, 3) metres, in the world: all joints, and the ends of the bones that have no further joint."""
     skeleton = motion.skeleton
     world = motion.forward()
-    ends = [j for j in range(len(skeleton)) if np.isfinite(skeleton.tips[j]).all() and skeleton.tips[j].any()]
+    ends = bone_ends(skeleton)
     turns, places = world[..., :3, :3], world[..., :3, 3]
     tips = (turns[:, ends] @ skeleton.tips[ends][..., None])[..., 0] + places[:, ends]
     return np.concatenate([places, tips], axis=1)

@@ -13,6 +13,7 @@ from .footskate import Footskate as Footskate
 from .footskate import contact_spans as contact_spans
 from .footskate import measure_footskate as measure_footskate
 from .footskate import sliding_frames as sliding_frames
+from .keeping import keep_feet as keep_feet
 from .planting import Planted as Planted
 from .planting import PlantOptions as PlantOptions
 from .planting import plant_feet as plant_feet
@@ -37,6 +38,7 @@ __all__ = [
     "feet_of_points",
     "find_contacts",
     "measure_footskate",
+    "keep_feet",
     "plant_feet",
     "plate_loads",
     "sliding_frames",

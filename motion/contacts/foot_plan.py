@@ -33,7 +33,7 @@ class FootPlan:
 
 def plan_foot(
     ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
-    fps: float, seconds: float, step: float = np.inf,
+    fps: float, seconds: float, step: float = np.inf, where: BoolArray | None = None,
 ) -> FootPlan:  # fmt: skip
     """Where a foot shall be.
 
@@ -50,22 +50,57 @@ def plan_foot(
         fps: frames per second.
         seconds: over which corrections fade.
         step: metres over the floor from which a contact keeps its own height: the foot stands on something.
+        where: (T,) frames whose contacts are planned; in others the foot stays as it is. None: all.
     """
     flat = np.asarray(contact.all(1))
+    standing = np.asarray(contact.any(1))
+    left = _left_alone(standing, where)
     wanted = _flat_orientations(turns, flat, leg, floor, clearance)
+    wanted[left] = turns[left]
     change = blend(log_so3(wanted @ np.swapaxes(turns, -1, -2)), flat.astype(np.float64), fps, seconds)
     turned = exp_so3(change) @ turns
     for point, pivot in ((HEEL, BALL), (BALL, HEEL)):
-        only = contact[:, pivot] & ~contact[:, point]
+        only = contact[:, pivot] & ~contact[:, point] & ~left
         turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
     target = _targets(ankle, turned, leg, contact, floor, clearance, step)
-    standing = np.asarray(contact.any(1))
+    target[left] = ankle[left]
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
     place = ankle + moved
-    deep = np.max([clearance[p] - floor.heights(place + turned @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
-    moved = moved + _lift(deep, ~standing, fps)[:, None] * np.array(floor.normal)
+    free = ~standing if where is None else ~standing & _about(where, ~standing)
+    moved = moved + lift_out(place, turned, leg, ~free, floor, clearance, fps)
     return FootPlan(ankle + moved, turned, moved)
+
+
+def _left_alone(standing: BoolArray, where: BoolArray | None) -> BoolArray:
+    """(T,) frames of contacts that have no frame in `where`."""
+    return np.zeros(len(standing), np.bool_) if where is None else standing & ~_about(where, standing)
+
+
+def _about(where: BoolArray, runs: BoolArray) -> BoolArray:
+    """(T,) the runs of true that have a frame in `where`, whole."""
+    out = np.zeros(len(runs), np.bool_)
+    for a, b in contact_spans(runs):
+        out[a:b] = where[a:b].any()
+    return out
+
+
+def lift_out(
+    place: FloatArray, turns: FloatArray, leg: Leg, standing: BoolArray, floor: Floor, clearance: FloatArray, fps: float
+) -> FloatArray:
+    """(T, 3) metres, smooth, by which an ankle is lifted where its foot would be in the floor and does not stand.
+
+    Args:
+        place: (T, 3) metres, of the ankle.
+        turns: (T, 3, 3) world from foot.
+        leg: heel and ball from the ankle.
+        standing: (T,) frames to be left alone.
+        floor: which the foot may not pass.
+        clearance: (2,) metres of heel and ball over it.
+        fps: frames per second.
+    """
+    deep = np.max([clearance[p] - floor.heights(place + turns @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
+    return np.asarray(_lift(deep, ~standing, fps)[:, None] * np.array(floor.normal))
 
 
 def _offset(leg: Leg, point: int) -> FloatArray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from muybridge.arrays import FloatArray
+from muybridge.arrays import BoolArray, FloatArray
 from muybridge.geometry.ik.two_bone import move_two_bone
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
 from muybridge.geometry.roles import find_motion_roles
@@ -74,6 +74,7 @@ def plant_feet(
     *,
     roles: Mapping[str, int] | None = None,
     legs: tuple[Leg, Leg] | None = None,
+    where: BoolArray | None = None,
 ) -> Planted:
     """The motion with heels and balls of the feet still while they stand, and never through the floor.
 
@@ -83,6 +84,7 @@ def plant_feet(
         options: how they are planted.
         roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.
+        where: (T,) frames: contacts with none of these stay as they are. None: all are planted.
 
     Raises:
         ValueError: legs are not known, or the contacts are of another number of frames.
@@ -97,13 +99,33 @@ def plant_feet(
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
     if not len(motion):
         return Planted(motion, contacts, 0.0, 0.0, 0.0)
-    contacts = with_floor(contacts, feet_of_motion(motion, roles))
+    if not np.isfinite(contacts.clearance).all():
+        contacts = with_floor(contacts, feet_of_motion(motion, roles))
     world = motion.forward()
     plans = [
         plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
-                  contacts.clearance[k], motion.fps, options.blend, step)
+                  contacts.clearance[k], motion.fps, options.blend, step, where)
         for k, leg in enumerate(legs)
     ]  # fmt: skip
+    out, shift, unreached = carry_out(motion, world, legs, plans, options)
+    return Planted(out, contacts, shift, float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), unreached)
+
+
+def carry_out(
+    motion: Motion, world: FloatArray, legs: tuple[Leg, Leg], plans: list[FootPlan], options: PlantOptions
+) -> tuple[Motion, float, float]:
+    """A motion with its feet where they are planned, by the root and the legs.
+
+    Args:
+        motion: Z up.
+        world: (T, J, 4, 4) its joints in the world.
+        legs: left and right.
+        plans: of the left and the right foot.
+        options: how the root follows.
+
+    Returns:
+        The motion; metres, the farthest that the root was moved; metres, the farthest that an ankle is from its plan.
+    """
     shift = _root_shift(world, legs, plans, motion.fps, options)
     motion = _with_feet_sliding(motion, legs)
     turns = matrix_from_quat(motion.quat_wxyz)
@@ -112,10 +134,7 @@ def plant_feet(
         short[:, k], ankle = _bend_leg(motion, world, turns, leg, plan, shift)
         ankles.append(ankle)
     out = _moved(motion, world, turns, shift, legs, ankles)
-    return Planted(
-        out, contacts, float(np.linalg.norm(shift, axis=1).max()),
-        float(max(np.linalg.norm(p.moved, axis=1).max() for p in plans)), float(np.abs(short).max()),
-    )  # fmt: skip
+    return out, float(np.linalg.norm(shift, axis=1).max()), float(np.abs(short).max())
 
 
 def _but_blends(contacts: Contacts, motion: Motion, legs: tuple[Leg, Leg], step: float) -> Contacts:

@@ -1,4 +1,5 @@
 from .arguments import Parameter as Parameter
+from .arguments import Step as Step
 from .channels import check_editable as check_editable
 from .cutting import join as join
 from .cutting import trim as trim
@@ -19,6 +20,7 @@ from .placing import scale as scale
 from .placing import turn as turn
 from .reducing import Reduced as Reduced
 from .reducing import reduce_keys as reduce_keys
+from .resampling import motion_at as motion_at
 from .resampling import resample as resample
 from .root_path import GroundPath as GroundPath
 from .root_path import extract_root_motion as extract_root_motion
@@ -28,7 +30,6 @@ from .root_path import with_path as with_path
 from .root_path import without_path as without_path
 from .steps import STEPS as STEPS
 from .steps import Call as Call
-from .steps import Step as Step
 from .steps import edit_take as edit_take
 from .steps import parse_steps as parse_steps
 
@@ -41,6 +42,7 @@ __all__ = [
     "STEPS",
     "Sides",
     "Step",
+    "motion_at",
     "check_editable",
     "close_loop",
     "edit_take",

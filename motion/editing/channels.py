@@ -10,8 +10,9 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.numerics.rotations import matrix_from_quat, multiply_quat, quat_from_rotvec
-from muybridge.geometry.roles import find_motion_roles
+from muybridge.geometry.roles import RoleMap, find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.motion.take import Take
 
 Editable = Motion | Points3D
 T = TypeVar("T", Motion, Points3D)
@@ -130,6 +131,25 @@ def body_joint(motion: Motion, roles: Mapping[str, int] | None = None) -> int:
         if below:  # the one that carries most, rather than a handle
             return max(below, key=lambda j: int(skeleton.is_ancestor[j].sum()))
     return 0
+
+
+def role_map(take: Take) -> RoleMap:
+    """Roles of a motion's joints as the file states them, else by names, else by geometry."""
+    assert take.motion is not None  # steps that need roles are refused for points
+    table = {bone: take.motion.skeleton.names[j] for bone, j in take.humanoid.items()}
+    return find_motion_roles(take.motion, table)
+
+
+def body_roles(take: Take) -> dict[str, int]:
+    """Role -> joint of a human body.
+
+    Raises:
+        MuybridgeError: the skeleton is of something else.
+    """
+    found = role_map(take)
+    if found.body and not found.roles:
+        raise MuybridgeError(f"needs a human body, and the skeleton {found.body}", remedy="no_human_body")
+    return found.roles
 
 
 def start_place(thing: Editable) -> FloatArray:

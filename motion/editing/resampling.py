@@ -38,14 +38,29 @@ def resample(thing: T, fps: float) -> T:
         raise MuybridgeError(f"frames per second must be above 0 and at most {_MOST_FPS:,.0f}, not {fps:g}")
     count = frame_count(thing)
     new = int(np.floor((count - 1) / thing.fps * fps + _SAME_TIME)) + 1
-    at = np.arange(new) * thing.fps / fps
+    at: FloatArray = np.arange(new, dtype=np.float64) * thing.fps / fps
+    if isinstance(thing, Motion):
+        return cast(T, replace(motion_at(thing, at), fps=fps))  # type: ignore[redundant-cast]
+    before, share = _places(at, count)
+    return _points(thing, fps, before, share)
+
+
+def motion_at(motion: Motion, at: FloatArray) -> Motion:
+    """A motion at times between its frames, whose velocity is continuous; at a frame it is exactly that frame.
+
+    Args:
+        motion: of at least one frame.
+        at: (N,) in frames; others than from 0 to the last one are those of its ends.
+    """
+    before, share = _places(np.clip(at, 0, len(motion) - 1), len(motion))
+    return per_channel(motion, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
+
+
+def _places(at: FloatArray, count: int) -> tuple[IndexArray, FloatArray]:
+    """The frames before times in frames, and how much of the way to the next one has passed."""
     at = np.where(np.abs(at - np.round(at)) < _SAME_TIME, np.round(at), at)
     before = np.clip(at.astype(np.intp), 0, count - 1)
-    share = np.asarray(at - before, dtype=np.float64)
-    if isinstance(thing, Motion):
-        moved = per_channel(thing, lambda x: _cubic(x, before, share), lambda q: _cubic_rotations(q, before, share))
-        return cast(T, replace(moved, fps=fps))  # type: ignore[redundant-cast]
-    return _points(thing, fps, before, share)
+    return before, np.asarray(at - before, dtype=np.float64)
 
 
 def _points(points: Points3D, fps: float, before: IndexArray, share: FloatArray) -> Points3D:

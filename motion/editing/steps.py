@@ -13,47 +13,20 @@ import numpy as np
 
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.geometry.roles import RoleMap, find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.geometry.smoothing.filters import METHODS
 from muybridge.motion.contacts.footskate import contact_spans
 from muybridge.motion.contacts.planting import plant_feet
 from muybridge.motion.editing import cutting, filtering, looping, naming, placing, reducing, resampling, root_path
-from muybridge.motion.editing.arguments import Frames, Parameter, Value, bind, meant, resolved
-from muybridge.motion.editing.channels import check_editable, duration, frame_count
+from muybridge.motion.editing.arguments import Parameter, Step, Unresolved, bind, meant, resolved
+from muybridge.motion.editing.channels import body_roles, check_editable, duration, frame_count, role_map
 from muybridge.motion.editing.mirroring import mirror, rest_images
 from muybridge.motion.editing.pairing import find_sides, pair_names
 from muybridge.motion.formats.points.world import FARTHEST
+from muybridge.motion.signals.steps import SIGNAL_STEPS
 from muybridge.motion.take import Take
 from muybridge.wording import counted
-
-# From a take and the step's values to the edited take and a sentence on what was done.
-Apply = Callable[..., tuple[Take, str]]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One kind of edit.
-
-    Attributes:
-        name: as users write it.
-        text: what it does, in one line.
-        apply: what does it.
-        parameters: of the step, in the order in which they are written.
-        points: whether points can be edited so too, not only a motion.
-    """
-
-    name: str
-    text: str
-    apply: Apply
-    parameters: tuple[Parameter, ...] = ()
-    points: bool = False
-
-    @property
-    def usage(self) -> str:
-        """The step with its arguments, as help shows them."""
-        return " ".join([self.name, *(p.label for p in self.parameters)])
 
 
 @dataclass(frozen=True)
@@ -67,7 +40,7 @@ class Call:
     """
 
     step: Step
-    values: dict[str, Value | Frames]
+    values: dict[str, Unresolved]
     words: tuple[str, ...]
 
 
@@ -89,28 +62,9 @@ def _motion(take: Take) -> Motion:
     return take.motion
 
 
-def _role_map(take: Take) -> RoleMap:
-    """Roles of joints as the file states them, else by names, else by geometry."""
-    motion = _motion(take)
-    table = {bone: motion.skeleton.names[j] for bone, j in take.humanoid.items()}
-    return find_motion_roles(motion, table)
-
-
 def _roles(take: Take) -> dict[str, int]:
     """Role -> joint; empty where there is no human body."""
-    return _role_map(take).roles
-
-
-def _body_roles(take: Take) -> dict[str, int]:
-    """Role -> joint of a human body.
-
-    Raises:
-        MuybridgeError: the skeleton is of something else.
-    """
-    found = _role_map(take)
-    if found.body and not found.roles:
-        raise MuybridgeError(f"needs a human body, and the skeleton {found.body}", remedy="no_human_body")
-    return found.roles
+    return role_map(take).roles
 
 
 def _trim(take: Take, start: float, end: float | None) -> tuple[Take, str]:
@@ -204,7 +158,7 @@ def _floor(take: Take, height: float) -> tuple[Take, str]:
 def _plant(take: Take) -> tuple[Take, str]:
     motion = _motion(take)
     try:
-        planted = plant_feet(motion, roles=_body_roles(take))
+        planted = plant_feet(motion, roles=body_roles(take))
     except ValueError as error:  # legs that are not known
         raise MuybridgeError(str(error)) from error
     count = sum(len(contact_spans(planted.contacts.contact[:, k, p])) for k in range(2) for p in range(2))
@@ -230,7 +184,7 @@ def _reduce(take: Take, tolerance: float, angle: float) -> tuple[Take, str]:
 
 def _rename(take: Take, profile: str) -> tuple[Take, str]:
     motion = _motion(take)
-    roles = _body_roles(take)
+    roles = body_roles(take)
     new = naming.new_names(motion, profile, roles)
     moved = naming.displaced_names(motion.skeleton.names, new)
     kept = [name for name in motion.skeleton.names if name not in new and name not in moved]
@@ -288,6 +242,7 @@ STEPS: dict[str, Step] = {step.name: step for step in (
         Parameter("profile", "name", "the program", required=True, choices=tuple(PROFILES)),)),
     Step("scale", "scale bones and paths by a factor", _scale, (
         Parameter("factor", "factor", "above zero; 120% is 1.2", required=True),), points=True),
+    *SIGNAL_STEPS,
 )}  # fmt: skip
 
 

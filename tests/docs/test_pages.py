@@ -39,7 +39,10 @@ def test_commands_on_pages_exist(page: Path) -> None:
     registered = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["entry-points"][
         "muybridge.commands"
     ]
-    for command in re.findall(r"muybridge ((?:calibrate )?[a-z][a-z-]+)", "\n".join(CODE.findall(page.read_text()))):
+    groups = "|".join(sorted({name.split()[0] for name in registered if " " in name}))
+    for command in re.findall(
+        rf"muybridge ((?:(?:{groups}) )?[a-z][a-z-]+)", "\n".join(CODE.findall(page.read_text()))
+    ):
         first = command.split()[0]
         assert command in registered or first in registered, f"muybridge {command}"
 

@@ -2,28 +2,39 @@
 
 import shlex
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from muybridge.errors import FormatError, MuybridgeError
-from muybridge.infer.pipelines.characters.retarget import measures
+from muybridge.geometry.roles import RoleMap
+from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer.commands.remedies import print_error
+from muybridge.infer.pipelines.characters.baking import bake_takes, check_baked
+from muybridge.infer.pipelines.characters.retarget import measures, put_on, read_take
 from muybridge.infer.pipelines.characters.rigging import (
     Rigged,
+    bind_mesh,
+    bound_target,
     check_character_output,
-    move_character,
-    rig_file,
-    write_rigged,
+    rig_static,
+    write_bound,
 )
-from muybridge.infer.pipelines.characters.takes import Takes, find_takes
-from muybridge.infer.results.ownership import check_replaceable, refuse_root
+from muybridge.infer.pipelines.characters.takes import Takes, clip_names, find_takes
+from muybridge.infer.results.ownership import bears_mark, check_replaceable, refuse_root
+from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
+from muybridge.motion.character.meshes.read import read_mesh
+from muybridge.motion.character.meshes.static_mesh import StaticMesh
+from muybridge.motion.character.meshes.write_usd import USD_SUFFIXES, texture_folder
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
 from muybridge.motion.character.rigging.rig import RigOptions
+from muybridge.motion.character.skinning import BakeOptions
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.retargeting.solver import RetargetOptions
+from muybridge.wording import counted
 
 COMMON_OPTIONS = {"character": ("motion", "out", "template", "rig", "rig_only", "joints", "write_joints", "overwrite")}
 _TALLEST = 100.0  # metres; larger numbers are centimetres
@@ -45,6 +56,7 @@ def character(
     clip_name: str | None = None,
     fps: float | None = None,
     plant: bool = True,
+    skinning: Literal["linear", "spherical", "dual-quaternion", "rotation-centres", "delta-mush"] = "linear",
     overwrite: bool = False,
 ) -> int:
     """Put a skeleton into a mesh that has none, skin it, and move it by takes.
@@ -60,7 +72,7 @@ def character(
     Args:
         mesh: .glb, .gltf, .vrm, .fbx, .obj, .ply or .stl.
         motion: files of motion, folders of them, session folders.
-        out: file to write, .glb or .vrm (default: MESH_rigged.glb in the current folder).
+        out: file to write: .glb, .vrm, .fbx, .usdc, .usda or .usdz (default: MESH_rigged.glb in the current folder).
         template: skeleton to put in.
         rig: whose names the joints get.
         rig_only: write the rigged mesh in its rest pose, without motion.
@@ -71,21 +83,15 @@ def character(
         clip_name: name of the clip (default: that of the take's file).
         fps: frames per second of the clips (default: the take's).
         plant: plant feet, and put soles on the floor.
+        skinning: method that bends the mesh; others than linear are baked into a .glb or .vrm as morph targets.
         overwrite: replace files that are there.
     """
-    if not motion and not rig_only and write_joints is None:
-        raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
-    if out is not None and not motion and not rig_only:
-        raise MuybridgeError(f"{out} is written only with motion; give takes with --motion, or --rig-only")
+    _check_options(motion, out, rig_only, joints, write_joints, height)
     check_fps(fps)
-    if height is not None and not 0.0 < height <= _TALLEST:
-        raise MuybridgeError(f"--height is in metres, above 0 and at most {_TALLEST:g}, such as 1.8, not {height:g}")
-    if height is not None and joints is not None:
-        raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
-                             "was written for; give --height together with --write-joints")  # fmt: skip
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
+    check_baked(out, skinning, len(motion) if not rig_only else 0)
     found_takes = Takes(()) if rig_only or not motion else find_takes(motion)
     takes = found_takes.files
     if takes and template == "quadruped":
@@ -94,47 +100,86 @@ def character(
     if len({path.resolve() for path in writes}) < len(writes) or (write_joints is not None and write_joints.is_dir()):
         raise MuybridgeError(f"{write_joints}: the joints need a file of their own", remedy="other_name")
     check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])], make_folders=False)
+    body = _read(mesh, motion)
+    if out in writes:
+        _check_textures(out, body, overwrite, (mesh, *takes))
+    # Before the joints are looked for, which takes longer: a take that cannot be read is known at once.
+    tried = try_each(takes, read_take, print_error)
+    if takes and not tried.done:
+        tried.report_failures("takes")
+        return tried.exit_code
     with Progress() as progress:
         with progress.task(f"finding the joints of {mesh.name}", 1) as task:
-            found = _rigged(mesh, RigOptions(template, rig, turn), joints, height, motion)
+            found = rig_static(body, RigOptions(template, rig, turn), joints, height)
             task.advance()
         for notice in (*found_takes.notices, *found.notices):
             progress.notice(notice)
         if write_joints is not None:
             write_joints_file(write_joints, mesh, found.rig)
         if takes or rig_only:
-            _write(progress, found, takes, out, clip_name, fps, plant)
+            _write(progress, found, tried.done, out, clip_name, fps, plant, skinning)
     print("\n".join(str(path) for path in writes))
-    return 0
+    tried.report_failures("takes")
+    return tried.exit_code
 
 
-def _rigged(
-    mesh: Path, options: RigOptions, joints: Path | None, height: float | None, motion: Sequence[Path]
-) -> Rigged:
-    """A mesh with its skeleton; where it has one already, the error names the command with the given takes."""
+def _check_options(
+    motion: Sequence[Path], out: Path | None, rig_only: bool, joints: Path | None, write_joints: Path | None,
+    height: float | None,
+) -> None:  # fmt: skip
+    """MuybridgeError for options that cannot be meant together."""
+    if not motion and not rig_only and write_joints is None:
+        raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
+    if out is not None and not motion and not rig_only:
+        raise MuybridgeError(f"{out} is written only with motion; give takes with --motion, or --rig-only")
+    if height is not None and not 0.0 < height <= _TALLEST:
+        raise MuybridgeError(f"--height is in metres, above 0 and at most {_TALLEST:g}, such as 1.8, not {height:g}")
+    if height is not None and joints is not None:
+        raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
+                             "was written for; give --height together with --write-joints")  # fmt: skip
+
+
+def _read(mesh: Path, motion: Sequence[Path]) -> StaticMesh:
+    """A mesh without a skeleton; where it has one already, the error names the command with the given takes."""
     try:
-        return rig_file(mesh, options, joints, height)
+        return read_mesh(mesh)
     except FormatError as error:
         if error.remedy == "has_skin" and motion:
             error.details["takes"] = shlex.join(str(take) for take in motion)
         raise
 
 
+def _check_textures(out: Path, body: StaticMesh, overwrite: bool, inputs: Sequence[Path]) -> None:
+    """Refuse to write over a folder of textures beside a USD file; that of a file of ours is ours, too."""
+    folder = texture_folder(out, body) if out.suffix.lower() in USD_SUFFIXES else None
+    if folder is not None and not (out.is_file() and bears_mark(out)):
+        check_replaceable([folder], overwrite, inputs, make_folders=False)
+
+
 def _write(
-    progress: Progress, found: Rigged, takes: Sequence[Path], out: Path, clip_name: str | None, fps: float | None,
-    plant: bool,
+    progress: Progress, found: Rigged, takes: Mapping[Path, tuple[Motion, RoleMap, list[str]]], out: Path,
+    clip_name: str | None, fps: float | None, plant: bool, skinning: str,
 ) -> None:  # fmt: skip
     """Skin a rigged mesh, and write it at rest or moved."""
+    vrm = out.suffix.lower() == ".vrm"
+    with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
+        bound = bind_mesh(found, vrm)
+        task.advance()
+    target, placed = None, []
     with tempfile.TemporaryDirectory() as folder:
-        rest = Path(folder) / out.name if takes else out
-        with progress.task(f"skinning {found.mesh.path.name}", 1) as task:
-            write_rigged(found, rest)
-            task.advance()
-        if not takes:
-            return
-        options = RetargetOptions(plant=plant)
-        placed, notices = move_character(rest, found.rig, takes, out, clip_name, fps, options)
-        for notice in notices:
-            progress.notice(notice)
-        for one in placed:
-            print(measures(one))
+        if takes:
+            target = bound_target(bound, found.rig, Path(folder) / f"rest{'.vrm' if vrm else '.glb'}")
+            names = clip_names(list(takes), clip_name, ())
+            with progress.task(f"{counted(len(takes), 'take')} on {found.mesh.path.name}", len(takes)) as task:
+                for (path, take), name in zip(takes.items(), names, strict=True):
+                    placed.append(put_on(path, take, target, name, RetargetOptions(plant=plant), fps))
+                    task.advance()
+        notices = write_bound(bound, out, target, placed)
+        if target is not None and skinning != "linear":
+            with progress.task(f"baking {skinning} skinning", 1) as task:
+                notices.append(bake_takes(out, target, placed, skinning, BakeOptions()))
+                task.advance()
+    for notice in dict.fromkeys([*(n for one in placed for n in one.notices), *notices]):
+        progress.notice(notice)
+    for one in placed:
+        print(measures(one))

@@ -1,4 +1,4 @@
-"""Takes on characters, and meshes that become characters."""
+"""Takes on characters, takes made into one, and meshes that become characters."""
 
 import lazy_loader as _lazy
 

@@ -144,9 +144,21 @@ def place(
         take_map: roles of the take's joints.
         advance: called with `READ_UNITS` when the take is read, with `PLACE_UNITS` at the end.
     """
-    motion, roles, notices = read_take(path, clip, take_map)
+    take = read_take(path, clip, take_map)
     if advance is not None:
         advance(READ_UNITS)
+    placed = put_on(path, take, target, name, options, fps)
+    if advance is not None:
+        advance(PLACE_UNITS)
+    return placed
+
+
+def put_on(
+    path: Path, take: tuple[Motion, RoleMap, list[str]], target: Target, name: str, options: RetargetOptions,
+    fps: float | None = None,
+) -> Placed:  # fmt: skip
+    """A take that `read_take` has read from `path` on the character; the other arguments are those of `place`."""
+    motion, roles, notices = take[0], take[1], list(take[2])
     wanted = fps or (target.character.motion.fps if target.character.clips else motion.fps)
     if abs(wanted - motion.fps) > 1e-6 * wanted and len(motion) > 1:
         why = "as asked" if fps else f"which {target.character.path.name} has"
@@ -156,8 +168,6 @@ def place(
     result = retarget(motion, roles.roles, target.character, target.roles.roles, options)
     if not result.contacts.feet.any():
         notices.append(f"{path.name}: no foot stands in it, so none was planted")
-    if advance is not None:
-        advance(PLACE_UNITS)
     return Placed(name, result, tuple(notices))
 
 

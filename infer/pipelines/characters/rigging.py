@@ -1,6 +1,6 @@
 """A mesh without a skeleton made into a character: read, rigged, weighted, and moved by takes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,19 +10,20 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
-from muybridge.infer.pipelines.characters.retarget import Placed, Target, place, write_placed
-from muybridge.infer.pipelines.characters.takes import clip_names
-from muybridge.motion.character.meshes.read import read_mesh
+from muybridge.infer.networks.characters import RiggerNetwork, SkinningNetwork
+from muybridge.infer.pipelines.characters.retarget import Placed, Target, write_placed
+from muybridge.models.shipped import shipped_model
+from muybridge.motion.character.meshes.bound_mesh import BoundMesh, NamedMotion
 from muybridge.motion.character.meshes.static_mesh import StaticMesh
-from muybridge.motion.character.meshes.write_skinned import write_skinned_glb
+from muybridge.motion.character.meshes.write_fbx import write_skinned_fbx
+from muybridge.motion.character.meshes.write_gltf import write_skinned_glb
+from muybridge.motion.character.meshes.write_usd import USD_SUFFIXES, require_usd, write_skinned_usd
 from muybridge.motion.character.read import read_character
 from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
 from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
 from muybridge.motion.character.rigging.templates import TEMPLATES
 from muybridge.motion.character.weights import skin_weights
-from muybridge.motion.retargeting.solver import RetargetOptions
 
-OUTPUTS = (".glb", ".vrm")
 INFLUENCES = 4
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.25, 4.0  # metres between which a file without a unit is taken to be in metres
 
@@ -42,20 +43,23 @@ class Rigged:
     notices: tuple[str, ...]
 
 
-def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height: float | None = None) -> Rigged:
-    """Read a mesh, and put a skeleton into it.
+def rig_static(
+    mesh: StaticMesh, options: RigOptions, joints: Path | None = None, height: float | None = None
+) -> Rigged:
+    """Put a skeleton into a mesh.
 
     Args:
-        path: of the mesh.
+        mesh: as its file has it.
         options: of rigging.
         joints: file of places that are known.
         height: metres that the body is tall; None: as the file has it.
 
     Raises:
-        FormatError: a file cannot be read, or has a skin.
+        FormatError: the file of joints cannot be read.
+        ModelError: the shipped network is missing.
         MuybridgeError: the mesh shows no body of the template.
     """
-    mesh = read_mesh(path)
+    path = mesh.path
     known = KnownJoints(None, {})
     if joints is not None:
         known = read_joints(joints)
@@ -67,8 +71,9 @@ def rig_file(path: Path, options: RigOptions, joints: Path | None = None, height
     if known.new_from_old is not None and whole:
         rig = rig_of_joints(mesh.vertices, mesh.triangles, known.places, known.new_from_old, options)
     else:
+        network = RiggerNetwork(shipped_model("rigger"))
         try:
-            rig = rig_mesh(mesh.vertices, mesh.triangles, options)
+            rig = rig_mesh(mesh.vertices, mesh.triangles, options, network)
         except MuybridgeError as error:
             if not whole:
                 raise error.about(str(path)) from None
@@ -108,56 +113,82 @@ def influences(weights: FloatArray, most: int = INFLUENCES) -> tuple[IntArray, F
     return joints.astype(np.int64), values
 
 
-def write_rigged(rigged: Rigged, path: Path) -> None:
-    """Weight a mesh to its skeleton, and write both at rest.
+def bind_mesh(rigged: Rigged, humanoid: bool = False) -> BoundMesh:
+    """A mesh weighted to its skeleton, by heat as the shipped network corrects it.
 
     Args:
-        rigged: to write.
-        path: `.glb` or `.vrm`.
+        rigged: mesh and skeleton.
+        humanoid: whether the joints are named as VRM's bones, too.
+
+    Raises:
+        ModelError: the shipped network is missing.
+    """
+    rig, mesh = rigged.rig, rigged.mesh
+    parents = np.asarray(rig.parents, np.int64)
+    network = SkinningNetwork(shipped_model("skinning"))
+    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents, network=network))
+    if len(rig.held):
+        carried = rig.held >= 0
+        joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
+    bones = {PROFILES["vrm"][role]: j for role, j in rig.roles.items() if role in PROFILES["vrm"]}
+    return BoundMesh(mesh, rig.skeleton(), rig.joints[0], joints, weights, bones if humanoid else None)
+
+
+def bound_target(bound: BoundMesh, rig: MeshRig, path: Path) -> Target:
+    """A bound mesh as a character that takes are put onto, whose file at rest is written for that.
+
+    Args:
+        bound: the mesh.
+        rig: whose skeleton it is bound to.
+        path: of the file, `.glb` or `.vrm`.
+    """
+    write_skinned_glb(path, bound)
+    character = read_character(path)
+    roles = {role: character.skeleton.index(name) for role, name in zip(rig.template.roles, rig.names, strict=True)}
+    return Target(character, RoleMap(roles, "template", "human"))
+
+
+def write_bound(bound: BoundMesh, out: Path, target: Target | None = None, placed: Sequence[Placed] = ()) -> list[str]:
+    """Write a bound mesh at rest, or with takes; what was left out is returned, one sentence each.
+
+    Args:
+        bound: the mesh.
+        out: file to write, of a format of `OUTPUTS`.
+        target: the character of `bound_target`, which the takes were put onto.
+        placed: takes, each a clip of the file.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    rig, mesh = rigged.rig, rigged.mesh
-    parents = np.asarray(rig.parents, np.int64)
-    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents))
-    if len(rig.held):
-        carried = rig.held >= 0
-        joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]
-    humanoid = None
-    if path.suffix.lower() == ".vrm":
-        humanoid = {PROFILES["vrm"][role]: j for role, j in rig.roles.items() if role in PROFILES["vrm"]}
-    write_skinned_glb(path, mesh, rig.skeleton(), rig.joints[0], joints, weights, humanoid)
+    if target is None:
+        return list(OUTPUTS[out.suffix.lower()](out, bound, ()))
+    if out.suffix.lower() == target.character.path.suffix.lower():
+        return write_placed(placed, target, [out])
+    same = bound.on(target.character.skeleton, target.character.root_at_rest)
+    clips = [NamedMotion(one.name, one.result.motion) for one in placed]
+    return list(OUTPUTS[out.suffix.lower()](out, same, clips))
 
 
-def move_character(
-    rest: Path, rig: MeshRig, takes: Sequence[Path], out: Path, clip_name: str | None = None,
-    fps: float | None = None, options: RetargetOptions | None = None,
-) -> tuple[list[Placed], list[str]]:  # fmt: skip
-    """Write a rigged mesh again with a clip a take; what was placed, and notices.
+def _write_gltf(path: Path, bound: BoundMesh, _: Sequence[NamedMotion]) -> tuple[str, ...]:
+    write_skinned_glb(path, bound)  # takes are added to the file that they were put onto
+    return ()
 
-    Args:
-        rest: file of the rigged mesh.
-        rig: that is in it.
-        takes: files of motion.
-        out: file to write.
-        clip_name: of the clips; None: those of the takes.
-        fps: of the clips; None: those of the takes.
-        options: of retargeting.
-    """
-    character = read_character(rest)
-    roles = {role: character.skeleton.index(name) for role, name in zip(rig.template.roles, rig.names, strict=True)}
-    target = Target(character, RoleMap(roles, "template", "human"))
-    names = clip_names(takes, clip_name, ())
-    placed = [place(take, target, name, options or RetargetOptions(), fps)
-              for take, name in zip(takes, names, strict=True)]  # fmt: skip
-    notices = [notice for one in placed for notice in one.notices]
-    return placed, notices + write_placed(placed, target, [out])
+
+Writer = Callable[[Path, BoundMesh, Sequence[NamedMotion]], tuple[str, ...]]
+OUTPUTS: dict[str, Writer] = {
+    ".glb": _write_gltf,
+    ".vrm": _write_gltf,
+    ".fbx": write_skinned_fbx,
+    **dict.fromkeys(USD_SUFFIXES, write_skinned_usd),
+}
 
 
 def check_character_output(out: Path) -> None:
-    """MuybridgeError where a file is of a format that holds no skinned mesh of ours."""
+    """MuybridgeError where a file is of a format that holds no skinned mesh of ours, or that needs an extra."""
     if out.is_dir():
         raise MuybridgeError(f"{out}: is a folder", remedy="other_name")
     if out.suffix.lower() not in OUTPUTS:
-        raise MuybridgeError(f"{out}: a character is written as {' or '.join(OUTPUTS)}", remedy="other_name")
+        *first, last = OUTPUTS
+        raise MuybridgeError(f"{out}: a character is written as {', '.join(first)} or {last}", remedy="other_name")
+    if out.suffix.lower() in USD_SUFFIXES:
+        require_usd(out)

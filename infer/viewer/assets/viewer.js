@@ -5,9 +5,10 @@ const TAKES = [[0.36, 0.74, 1, 1], [1, 0.64, 0.23, 1], [0.5, 0.85, 0.5, 1], [0.9
 const AXES = ["#ff7b72", "#7ee787", "#79b8ff"];
 const css = (c) => `rgb(${c.slice(0, 3).map((v) => Math.round(255 * v))})`;
 
-class Viewer {
+class Viewer extends Orbit {
   // In `root`, an element with the parts of component.html; `page` where it is all that the page has.
   constructor(root, data, page) {
+    super();
     this.root = root; this.page = page;
     this.takes = data.takes.map((packed) => new Take(packed));
     this.duration = Math.max(...this.takes.map((take) => take.duration));
@@ -121,31 +122,6 @@ class Viewer {
     this.$("graph").addEventListener("pointerdown", scrub); this.$("graph").addEventListener("pointermove", scrub);
     this.listenCamera(this.$("stage"));
   }
-  listenCamera(stage) {
-    const fingers = new Map();
-    stage.addEventListener("pointerdown", (e) => { stage.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY]); });
-    for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (e) => fingers.delete(e.pointerId));
-    stage.addEventListener("pointermove", (e) => {
-      const before = fingers.get(e.pointerId);
-      if (!before) return;
-      const now = [e.clientX, e.clientY], dx = now[0] - before[0], dy = now[1] - before[1];
-      if (fingers.size > 1) {
-        const other = [...fingers].find(([id]) => id !== e.pointerId)[1];
-        const was = Math.hypot(before[0] - other[0], before[1] - other[1]), is = Math.hypot(now[0] - other[0], now[1] - other[1]);
-        this.zoom(was / Math.max(is, 1)); this.move(dx / 2, dy / 2);
-      } else if (e.buttons & 6 || e.shiftKey) this.move(dx, dy);
-      else { this.yaw -= 0.008 * dx; this.pitch = clamp(this.pitch + 0.008 * dy, -1.5, 1.5); }
-      fingers.set(e.pointerId, now); this.dirty = true;
-    });
-    stage.addEventListener("wheel", (e) => { this.zoom(Math.exp(0.001 * clamp(e.deltaY, -300, 300))); e.preventDefault(); }, { passive: false });
-    stage.addEventListener("contextmenu", (e) => e.preventDefault());
-    stage.addEventListener("dblclick", () => this.reset());
-  }
-  zoom(factor) { this.distance = clamp(this.distance * factor, 0.1 * this.height, 50 * this.height); this.dirty = true; }
-  move(dx, dy) {
-    const s = this.distance * 0.8 / (this.$("stage").clientHeight || 1), right = [-Math.sin(this.yaw), Math.cos(this.yaw), 0];
-    this.pan = this.pan.map((v, i) => v - s * dx * right[i] + (i === 2 ? s * dy : 0));
-  }
   play(on) {
     if (on && this.seconds >= this.duration) this.seconds = 0;
     this.playing = on && this.duration > 0; this.$("play").textContent = this.playing ? "Pause" : "Play"; this.dirty = true;
@@ -175,9 +151,7 @@ class Viewer {
     const size = [stage.clientWidth, stage.clientHeight].map((v) => Math.max(1, Math.round(v * ratio)));
     if (stage.width !== size[0] || stage.height !== size[1]) [stage.width, stage.height] = size;
     if (this.$("follow").checked) this.centre = this.middle();
-    const target = this.centre.map((v, i) => v + this.pan[i]), far = Math.cos(this.pitch) * this.distance;
-    const eye = [target[0] + far * Math.cos(this.yaw), target[1] + far * Math.sin(this.yaw), target[2] + this.distance * Math.sin(this.pitch)];
-    const view = product(perspective(0.75, size[0] / size[1], 0.02 * this.distance, 60 * this.distance), lookAt(eye, target));
+    const target = this.centre.map((v, i) => v + this.pan[i]), { view, eye } = this.look(target, size);
     const painter = this.painter, lines = [], points = [];
     painter.begin(view, eye, size, 0.021 * this.distance);
     const gl = painter.gl, feet = [];
@@ -203,15 +177,6 @@ class Viewer {
     const colour = (j) => (many ? TAKES[i % TAKES.length] : SIDES[take.sides[j]]);
     for (const [a, b] of take.edges) if (places[a] && places[b]) lines.push([places[a], places[b], colour(b)]);
     places.forEach((p, j) => { if (p) points.push([p, colour(j), take.edges.length ? 6 : 8]); });
-  }
-  grid(target) {
-    const lines = [], step = this.height > 40 ? 10 : this.height < 0.3 ? 0.1 : 1, reach = 8;
-    const x = Math.round(target[0] / step), y = Math.round(target[1] / step), colour = [0.27, 0.3, 0.34, 1];
-    for (let k = -reach; k <= reach; k++) {
-      lines.push([[(x + k) * step, (y - reach) * step, 0], [(x + k) * step, (y + reach) * step, 0], colour]);
-      lines.push([[(x - reach) * step, (y + k) * step, 0], [(x + reach) * step, (y + k) * step, 0], colour]);
-    }
-    return lines;
   }
   drawTime() {
     const frame = Math.round(this.seconds * this.fps);

@@ -4,6 +4,7 @@ Corners with the same place, texture coordinate and normal become one vertex; po
 smoothing groups are left out.
 """
 
+import codecs
 import io
 from collections.abc import Iterable
 from pathlib import Path
@@ -25,7 +26,10 @@ def read_obj_mesh(path: Path) -> StaticMesh:
     Raises:
         FormatError: it holds no faces, or they refer to what is not there.
     """
-    data = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\t", b" ")
+    data = path.read_bytes()
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):  # as Windows' Notepad and PowerShell save text
+        data = data.decode("utf-16").encode()
+    data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\t", b" ")
     lines = [line.strip() for line in data.split(b"\n")]
     points = _numbers(path, lines, b"v ")
     if points.shape[1] < 3:

@@ -15,6 +15,7 @@ from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody, find_landmarks
 from muybridge.motion.character.rigging.orientation import Orientation, find_orientation, refine_offset
 from muybridge.motion.character.rigging.placement.fingers import place_fingers
+from muybridge.motion.character.rigging.placement.learned import RigNetwork, agreed, learned_places
 from muybridge.motion.character.rigging.placement.people import place_people
 from muybridge.motion.character.rigging.placement.quadruped import place_quadruped
 from muybridge.motion.character.rigging.placement.stylised import is_person, place_stylised
@@ -94,13 +95,17 @@ class MeshRig:
                         free)  # fmt: skip
 
 
-def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | None = None) -> MeshRig:
+def rig_mesh(
+    vertices: FloatArray, triangles: IntArray, options: RigOptions | None = None, network: RigNetwork | None = None
+) -> MeshRig:
     """Put a skeleton into a mesh.
 
     Args:
         vertices: (V, 3) metres, Z up.
         triangles: (F, 3).
         options: how.
+        network: a second opinion on where the joints of people are; None: they are measured alone. Figures with the
+            proportions of cartoons are always measured alone.
 
     Raises:
         MuybridgeError: the mesh shows no body that the template fits.
@@ -121,7 +126,7 @@ def rig_mesh(vertices: FloatArray, triangles: IntArray, options: RigOptions | No
         raise MuybridgeError("is flat, which shows no body", remedy="mesh_repair")
     found, body, props = _stand(whole)
     volume, shift = _fine_volume(body, found)
-    places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift))
+    places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift), network)
     places = {role: place if role[-1:].isdigit() else _inside(volume, place) for role, place in places.items()}
     new_from_old, steps = _new_world(found, options)
     matrix = new_from_old @ np.linalg.inv(found.body_from_world)
@@ -208,7 +213,7 @@ def _in_body(body: Repaired, found: Orientation, shift: float) -> FloatArray:
 
 
 def _embed(
-    volume: Volume, template: Template, triangles: IntArray, vertices: FloatArray
+    volume: Volume, template: Template, triangles: IntArray, vertices: FloatArray, network: RigNetwork | None
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Role -> (3,) metres in the body's frame, and what was assumed."""
     try:
@@ -220,6 +225,8 @@ def _embed(
                              remedy="rig_quadruped" if error.four_legs else "rig_template") from None  # fmt: skip
     person = is_person(marks)
     places = place_people(marks) if person else place_stylised(marks)
+    if network is not None and person:  # it knows figures with other proportions no better than the shape does
+        places = agreed(places, learned_places(vertices, triangles, network))
     notes = [] if person else ["its proportions are no person's, so joints follow its shape alone"]
     if "left_index_1" in template.parents:
         seen = []

@@ -1,7 +1,7 @@
 """Weights for a mesh and the joints in it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -10,20 +10,18 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.motion.character.surface import Surface, join_vertices
 from muybridge.motion.character.weights.bones import Bones, bones_in
 from muybridge.motion.character.weights.distance import distance_weights
+from muybridge.motion.character.weights.graph import FLOOR, WeightGraph, weight_graph
 from muybridge.motion.character.weights.heat import heat_weights
 from muybridge.motion.character.weights.islands import follow_surface
-from muybridge.motion.character.weights.rays import RayGrid
 from muybridge.motion.character.weights.voxels import voxel_weights
+from muybridge.motion.character.weights.ways import find_ways
 
 WEIGHT_METHODS = ("auto", "heat", "voxels", "distance")
-_INWARD = 2e-4  # of the size of the mesh by which ways begin below the surface
-_CONE = np.radians(30.0)  # of the rays that measure how thick the mesh is
-_RAYS = 5
-_FROM_SURFACE = 0.3  # how much the distance from the vertex counts beside that from the middle of the limb
-_TIE = 1e-4
 _BROKEN = 0.3  # share of points on borders from which a surface is pieces, not a body
 _MOST_POINTS = 40_000  # larger meshes are weighted on a coarser surface
 _SMOOTHED = 8  # steps of smoothing after that
+_GRAPH_POINTS = 4_000  # a network sees larger meshes as a coarser surface, as it was trained
+WeightNetwork = Callable[[WeightGraph], FloatArray]  # (P, K) weights of the pairs of a graph
 
 
 @dataclass(frozen=True)
@@ -48,16 +46,9 @@ class WeightOptions:
                              "from 0 to 1")  # fmt: skip
 
 
-class _Belonging(NamedTuple):
-    """(P, J) the joint that each point belongs to, and (P,) metres to its bone."""
-
-    shares: FloatArray
-    distance: FloatArray
-
-
 def skin_weights(
     vertices: FloatArray, triangles: IntArray, joints: FloatArray, parents: IntArray, method: str = "auto",
-    options: WeightOptions | None = None,
+    options: WeightOptions | None = None, network: WeightNetwork | None = None,
 ) -> FloatArray:  # fmt: skip
     """(V, J) weights of a mesh's vertices, at most `options.influences` above zero in a row, each row's sum one.
 
@@ -73,6 +64,7 @@ def skin_weights(
             inside, which need no surface in one piece; "distance", to the nearest bone; "auto", heat unless the surface
             is in pieces.
         options: see `WeightOptions`.
+        network: corrects weights by heat; other methods do without.
 
     Raises:
         ValueError: no such method, or arrays that do not fit together or are not finite.
@@ -84,7 +76,7 @@ def skin_weights(
     surface = join_vertices(vertices, triangles).outward()
     coarse = len(surface.points) > _MOST_POINTS
     solved = surface.coarser(_MOST_POINTS) if coarse else surface
-    weights = _solve(solved, joints, parents, method, options)
+    weights = _solve(solved, joints, parents, method, options, network)
     if coarse:
         weights = _smoothed(surface, weights[solved.point_of], _SMOOTHED)
     return _pruned(weights, options)[surface.point_of]
@@ -107,7 +99,10 @@ def _check(vertices: FloatArray, triangles: IntArray, joints: FloatArray, parent
         raise ValueError("a joint's parent must be another joint, or -1 for a root")
 
 
-def _solve(surface: Surface, joints: FloatArray, parents: IntArray, method: str, options: WeightOptions) -> FloatArray:
+def _solve(
+    surface: Surface, joints: FloatArray, parents: IntArray, method: str, options: WeightOptions,
+    network: WeightNetwork | None,
+) -> FloatArray:  # fmt: skip
     """(P, J) weights before pruning."""
     bones = bones_in(surface, joints, parents)
     if method == "auto":
@@ -117,72 +112,25 @@ def _solve(surface: Surface, joints: FloatArray, parents: IntArray, method: str,
         return distance_weights(bones, distance, bones.along(surface.points), parents)
     if method == "voxels":
         return voxel_weights(surface, bones)
-    distance = bones.distance(surface.points)
-    rays = RayGrid(surface.points, surface.triangles)
-    middle, depth = _middles(surface, rays, distance.min(axis=1))
-    from_middle = bones.distance(middle)
-    seen = _seen(surface, rays, bones, distance, from_middle, options.outside)
-    belonging = _belonging(bones, from_middle + _FROM_SURFACE * seen, seen)
-    weights = heat_weights(surface, belonging.shares, belonging.distance, options.strength)
-    return follow_surface(surface, weights, from_middle.min(axis=1), depth)
+    ways = find_ways(surface, bones, options.outside)
+    weights = heat_weights(surface, ways.belonging.shares, ways.belonging.distance, options.strength)
+    weights = follow_surface(surface, weights, ways.from_middle.min(axis=1), ways.depth)
+    return weights if network is None else _corrected(surface, bones, parents, weights, network, options)
 
 
-def _seen(
-    surface: Surface, rays: RayGrid, bones: Bones, distance: FloatArray, from_middle: FloatArray, outside: float
-) -> FloatArray:
-    """(P, S) metres to the segments, longer for what of the way is outside of the mesh.
-
-    Only ways that may decide which bone is a point's are looked at; the others count as outside all along.
-    """
-    longest = distance * (1 + outside)
-    open_to = from_middle + _FROM_SURFACE * distance <= (from_middle + _FROM_SURFACE * longest).min(axis=1)[:, None]
-    point, segment = np.nonzero(open_to)
-    share = rays.outside(_below(surface)[point], bones.places(surface.points[point], segment))
-    longest[point, segment] = distance[point, segment] * (1 + outside * share)
-    return longest
-
-
-def _below(surface: Surface) -> FloatArray:
-    """(P, 3) the points, a little below the surface."""
-    return np.asarray(surface.points - _INWARD * surface.size * surface.normals)
-
-
-def _middles(surface: Surface, rays: RayGrid, most: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) places in the middle of the limb below each point, and (P,) metres that they are deep.
-
-    A limb is as thick as rays inward find it, the median of a cone, after Shapira, Shamir and Cohen-Or, Consistent mesh
-    partitioning and skeletonisation using the shape diameter function, 2008. A place is no deeper than `most` (P,).
-
-    On a wide trunk, bones of arms and legs begin nearer to the skin than the spine is, but the middle of the trunk is
-    at the spine.
-    """
-    normal = surface.normals
-    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(normal, helper)
-    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
-    second = np.cross(normal, first)
-    begin, reach = _below(surface), 2 * most[:, None]
-    found = np.full((_RAYS, len(normal)), np.inf)
-    for k in range(_RAYS):
-        way = -normal
-        if k:
-            turn = 2 * np.pi * k / (_RAYS - 1)
-            way = -np.cos(_CONE) * normal + np.sin(_CONE) * (np.cos(turn) * first + np.sin(turn) * second)
-        found[k] = rays.exits(begin, begin + reach * way)
-    # A ray that leaves nowhere within reach only says that the limb is at least as thick.
-    depth = most * np.minimum(np.median(found, axis=0), 1.0)
-    return np.asarray(surface.points - depth[:, None] * normal), depth
-
-
-def _belonging(bones: Bones, cost: FloatArray, distance: FloatArray) -> _Belonging:
-    """The bones of least cost, shared where several are equal."""
-    nearest = cost.argmin(axis=1)
-    least = np.take_along_axis(cost, nearest[:, None], axis=1)
-    chosen = cost <= least * (1 + _TIE)
-    shares = np.zeros((len(cost), bones.count))
-    for s, j in enumerate(bones.joint):
-        shares[:, j] = np.maximum(shares[:, j], chosen[:, s])
-    return _Belonging(shares / shares.sum(axis=1, keepdims=True), distance[np.arange(len(cost)), nearest])
+def _corrected(
+    surface: Surface, bones: Bones, parents: IntArray, weights: FloatArray, network: WeightNetwork,
+    options: WeightOptions,
+) -> FloatArray:  # fmt: skip
+    """(P, J) weights by heat as a network changes them, on a coarser surface where there are many points."""
+    small = surface.coarser(_GRAPH_POINTS) if len(surface.points) > _GRAPH_POINTS else None
+    graph = weight_graph(small or surface, bones, parents, options.strength)
+    answer = graph.dense(network(graph), bones.count)
+    if small is None:
+        return answer
+    factor = answer / (graph.dense(np.exp(graph.base.astype(np.float64)), bones.count) + FLOOR)
+    out = (weights + FLOOR) * _smoothed(surface, factor[small.point_of], _SMOOTHED)
+    return np.asarray(out / out.sum(axis=1, keepdims=True))
 
 
 def _smoothed(surface: Surface, weights: FloatArray, steps: int) -> FloatArray:

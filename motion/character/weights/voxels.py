@@ -21,9 +21,18 @@ _SIDES = [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) 
 
 def voxel_weights(surface: Surface, bones: Bones) -> FloatArray:
     """(P, J) weights of a surface's points, each row's sum one."""
+    distance = voxel_distance(surface, bones)
+    cell = _cell(surface)
+    least = distance.min(axis=1, keepdims=True)
+    weights = ((1 - _FALLOFF) * distance / cell + _FALLOFF * (distance / cell) ** 2) ** -2.0
+    weights *= np.clip((_NEAR - distance / least) / (_NEAR - 1), 0.0, 1.0) ** 2
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def voxel_distance(surface: Surface, bones: Bones) -> FloatArray:
+    """(P, J) metres through the inside of the mesh from points to joints' bones, at least half a voxel; inf: no way."""
     points = surface.points
-    low = points.min(axis=0)
-    cell = max(float(np.ptp(points, axis=0).max()) / _CELLS, 1e-9)
+    low, cell = points.min(axis=0), _cell(surface)
     solid = _solid(surface, low, cell)
     cells = np.argwhere(solid)
     number = np.full(solid.shape, -1, np.int64)
@@ -41,11 +50,12 @@ def voxel_weights(surface: Surface, bones: Bones) -> FloatArray:
         straight = bones.distance(points[lost])
         for s, j in enumerate(bones.joint):
             distance[lost, j] = np.minimum(distance[lost, j], straight[:, s])
-    distance = np.maximum(distance, 0.5 * cell)
-    least = distance.min(axis=1, keepdims=True)
-    weights = ((1 - _FALLOFF) * distance / cell + _FALLOFF * (distance / cell) ** 2) ** -2.0
-    weights *= np.clip((_NEAR - distance / least) / (_NEAR - 1), 0.0, 1.0) ** 2
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+    return np.asarray(np.maximum(distance, 0.5 * cell))
+
+
+def _cell(surface: Surface) -> float:
+    """Metres."""
+    return max(float(np.ptp(surface.points, axis=0).max()) / _CELLS, 1e-9)
 
 
 def _solid(surface: Surface, low: FloatArray, cell: float) -> BoolArray:

@@ -95,6 +95,8 @@ class Document:
         """
         self.path = path
         data = path.read_bytes()
+        if not data.strip(b"\0 \r\n\t"):
+            raise self.error("is empty")
         self.binary: bytes | None = None
         self.chunks: list[tuple[int, bytes]] = []
         text = self._unpack(data) if data[:4] == b"glTF" else data

@@ -1,7 +1,7 @@
 """Skeletons put into meshes: distance of the joints from the true ones, time and memory.
 
     python -m scripts.benchmarks.motion.rigging [--bodies 40] [--seed 51] [--characters HERO.glb ...] [--size]
-        [--pictures FOLDER]
+        [--pictures FOLDER] [--network FILE.onnx]
 
 Bodies are anny's in T-, A- and relaxed poses, three of four in clothes (`rig_bodies`); characters are files of artists
 whose skin is taken away. Distances are shares of the height. A trunk's middle joints have no agreed place, so what
@@ -21,6 +21,7 @@ import numpy as np
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles
+from muybridge.infer.networks.characters import RiggerNetwork
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.rigging import MeshRig, rig_mesh
 from muybridge.motion.character.rigging.repair import repair
@@ -63,11 +64,11 @@ class RigScore:
         return max(self.errors, key=self.errors.__getitem__, default="")
 
 
-def score(body: KnownBody) -> RigScore:
+def score(body: KnownBody, network: RiggerNetwork | None = None) -> RigScore:
     """Rig a mesh, and compare."""
     start = time.process_time()
     try:
-        rig = rig_mesh(body.vertices, body.triangles)
+        rig = rig_mesh(body.vertices, body.triangles, network=network)
     except MuybridgeError as error:
         return RigScore(body.name, why=error.message)
     seconds, matrix = time.process_time() - start, rig.new_from_old
@@ -199,13 +200,15 @@ def main() -> None:
     parser.add_argument("--characters", type=Path, nargs="*", default=sorted((DATA / "characters").glob("*.glb")))
     parser.add_argument("--size", action="store_true", help="measure time and memory on large meshes")
     parser.add_argument("--pictures", type=Path, help="folder for sheets of all meshes with their joints")
+    parser.add_argument("--network", type=Path, help="gives a second opinion on the joints")
     args = parser.parse_args()
+    network = RiggerNetwork(args.network) if args.network else None
     sets = {"Bodies": list(known_bodies(args.bodies, args.seed)) if args.bodies else []}
     artists = [stripped(path) for path in args.characters if _has_roles(path)]
     sets["Characters"] = artists
     for title, bodies in sets.items():
         if bodies:
-            scores = [score(body) for body in bodies]
+            scores = [score(body, network) for body in bodies]
             print_scores(scores, title)
             if args.pictures is not None:
                 args.pictures.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """Weights against those of artists, which were taken away.
 
-    python -m scripts.benchmarks.motion.weights HERO.glb ... [--bodies 2]
+    python -m scripts.benchmarks.motion.weights HERO.glb ... [--bodies 2] [--network FILE.onnx]
 
 For each character and method: the mean over vertices of the sum of absolute differences (L1, from 0 to 2), the mean
 distance of the vertices from the artist's over ten random poses as a share of the height, and seconds. Generated bodies
@@ -20,6 +20,7 @@ from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.numerics.rotations import quat_from_matrix
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.infer.networks.characters import SkinningNetwork
 from muybridge.motion.character import Character, Skin, Skinner, read_character, skin_weights
 from muybridge.motion.character.weights import WEIGHT_METHODS
 from scripts.benchmarks.common import print_header
@@ -33,14 +34,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("characters", type=Path, nargs="*")
     parser.add_argument("--bodies", type=int, default=0)
+    parser.add_argument("--network", type=Path, help="that corrects weights by heat: rows named `learned`")
     arguments = parser.parse_args()
+    network = SkinningNetwork(arguments.network) if arguments.network else None
     print_header(("character", "vertices", "joints", "method", "L1", "poses, % of height", "least sum", "s"))
     for path in arguments.characters:
         character = read_character(path)
-        score(path.stem, joined(character), character.skeleton, character.root_at_rest)
+        score(path.stem, joined(character), character.skeleton, character.root_at_rest, network)
     for k in range(arguments.bodies):
         body = generated_body(k)
-        score(f"generated body {k}", body.skin, body.skeleton, body.joints[0])
+        score(f"generated body {k}", body.skin, body.skeleton, body.joints[0], network)
 
 
 def joined(character: Character) -> Skin:
@@ -58,16 +61,18 @@ def joined(character: Character) -> Skin:
     )
 
 
-def score(name: str, skin: Skin, skeleton: Skeleton, root: FloatArray) -> None:
+def score(name: str, skin: Skin, skeleton: Skeleton, root: FloatArray, network: SkinningNetwork | None) -> None:
     """Print the rows of a character."""
     artist = dense(skin.joints, skin.weights, len(skeleton))
     joints = np.linalg.inv(skin.bind)[:, :3, 3]
     height = float(np.ptp(skin.positions[:, 2]))
     frames = random_poses(skeleton, root)
     wanted = Skinner([skin]).pose(frames)[0]
-    for method in WEIGHT_METHODS[1:]:
+    for method in (*WEIGHT_METHODS[1:], *(["learned"] if network else [])):
         start = time.process_time()
-        weights = skin_weights(skin.positions, skin.triangles, joints, np.array(skeleton.parents), method)
+        learned = method == "learned"
+        weights = skin_weights(skin.positions, skin.triangles, joints, np.array(skeleton.parents),
+                               "heat" if learned else method, network=network if learned else None)  # fmt: skip
         seconds = time.process_time() - start
         most = int(np.count_nonzero(weights, axis=1).max())
         chosen = np.argsort(-weights, axis=1)[:, :most]

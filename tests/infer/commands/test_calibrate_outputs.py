@@ -117,7 +117,9 @@ COMMANDS_WITH_OUT = {
     "calibrate check": ["SESSION"], "calibrate people": ["SESSION"], "calibrate points": ["FILE"],
     "calibrate scan": ["FOLDER", "--cameras", "FOLDER"], "calibrate world": ["FILE", "--turn-deg", "90"],
     "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"],
-    "character": ["FILE", "--rig-only"], "view": ["FILE"],
+    "character": ["FILE", "--rig-only"], "view": ["FILE"], "assist": ["FILE", "--from", "FILE"],
+    "match build": ["FILE"], "match play": ["FILE"], "match walk": ["FILE"],
+    "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"],
 }  # fmt: skip
 
 

@@ -12,9 +12,11 @@ from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.character.rigging.joints_file import read_joints, write_joints
+from muybridge.motion.formats.gltf.container import Document
 from muybridge.motion.formats.registry import read_file
 from tests.geometry.roles.bodies import human
 from tests.infer.commands.test_retarget import body_file
+from tests.motion.character.meshes.bound_figures import apart
 from tests.motion.character.rigging.figures import HEIGHT, animal, capsule, person, together
 
 
@@ -39,6 +41,60 @@ def test_a_mesh_is_rigged_and_moved(tmp_path, hero, capsys):
     rest, moved = pose_meshes(back, back.rest_motion())[0][0], pose_meshes(back, back.motion)[0]
     assert np.allclose(np.ptp(rest, axis=0), np.ptp(person(40.0)[0], axis=0), atol=1e-4)
     assert 0.05 < np.linalg.norm(moved - rest, axis=2).max() < 2.0
+
+
+def test_takes_that_cannot_be_read_are_named_and_the_others_written(tmp_path, hero, capsys, monkeypatch):
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
+    broken = tmp_path / "broken.bvh"
+    broken.write_text("HIERARCHY\nROOT")
+    assert character(hero, motion=(broken, take), out=out) == 2
+    said = capsys.readouterr().err
+    assert f"{broken}:" in said and "1 of 2 takes failed" in said
+    assert read_character(out).clips == ("walk",)
+
+    def late(*_, **__):
+        raise AssertionError("the joints were looked for before the take was read")
+
+    monkeypatch.setattr("muybridge.infer.commands.motion.character.rig_static", late)
+    assert str(broken) in refused(capsys, hero, motion=(broken,), out=tmp_path / "other.glb")
+    assert not (tmp_path / "other.glb").exists()
+
+
+def test_a_skinning_method_is_baked_into_morph_targets(tmp_path, hero, capsys):
+    """What a viewer does, linear blending of the mesh with its morph targets, is what the method does."""
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
+    assert character(hero, motion=(take,), out=out, skinning="dual-quaternion") == 0
+    assert "within" in capsys.readouterr().err
+    document = Document(out)
+    clip = document.json["animations"][0]
+    channel = next(c for c in clip["channels"] if c["target"]["path"] == "weights")
+    assert "mesh" in document.json["nodes"][channel["target"]["node"]]
+    sampler = clip["samplers"][channel["sampler"]]
+    hero_read = read_character(out)
+    names = document.json["meshes"][0]["extras"]["targetNames"]
+    weights = document.accessor(sampler["output"]).reshape(-1, len(names))
+    motion = hero_read.motion
+    assert len(weights) == len(motion) == len(document.accessor(sampler["input"]))
+    plain = 0.0
+    for t in range(0, len(motion), 6):
+        frame = motion.select([t])
+        exact = hero_read.pose(frame, "dual-quaternion")[0]
+        shown = hero_read.pose(frame, morph_weights=dict(zip(names, weights[t], strict=True)))[0]
+        assert apart(shown, exact) < 1.1e-3
+        plain = max(plain, apart(hero_read.pose(frame)[0], exact))
+    assert plain > 2e-3  # without the targets it is not
+    assert ".glb and .vrm" in refused(capsys, hero, motion=(take,), out=tmp_path / "a.fbx", skinning="delta-mush")
+    assert "no take" in refused(capsys, hero, rig_only=True, out=tmp_path / "a.glb", skinning="delta-mush")
+
+
+def test_an_fbx_moves_as_the_glb_does(tmp_path, hero):
+    take, outs = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), []
+    for name in ("a.glb", "b.fbx"):
+        assert character(hero, motion=(take,), out=tmp_path / name) == 0
+        outs.append(read_character(tmp_path / name, "walk"))
+    one, two = (np.concatenate(back.pose(back.motion), axis=1) for back in outs)
+    assert apart(one, two) < 1e-4
+    assert outs[1].clips == ("walk",) and outs[1].motion.fps == pytest.approx(outs[0].motion.fps)
 
 
 def test_joints_are_written_corrected_and_applied(tmp_path, hero):
@@ -113,7 +169,7 @@ def test_an_animal_is_told_its_template(tmp_path, capsys):
 def test_other_mistakes_are_refused_in_one_line(tmp_path, hero, capsys):
     out = tmp_path / "a.glb"
     assert "--rig-only" in refused(capsys, hero)
-    assert ".glb or .vrm" in refused(capsys, hero, rig_only=True, out=tmp_path / "a.fbx")
+    assert ".usda or .usdz" in refused(capsys, hero, rig_only=True, out=tmp_path / "a.dae")
     out.write_bytes(b"of another program")
     assert "give --overwrite" in refused(capsys, hero, rig_only=True, out=out)
     assert out.read_bytes() == b"of another program"

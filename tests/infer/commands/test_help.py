@@ -12,7 +12,7 @@ from muybridge.infer.commands import app, options, parsing
 from muybridge.infer.detection.detect import DetectOptions
 from muybridge.infer.pipelines.videos import RunOptions
 
-SUBCOMMANDS = {"train": ("keypoints", "people", "labels", "solver", "adapt"), "eval": ()}
+SUBCOMMANDS = {"train": ("keypoints", "people", "labels", "solver", "rigger", "skinning", "adapt"), "eval": ()}
 # A line that begins an option; without a terminal there may be no frame around it.
 OPTION = re.compile(r"^[│|]? *(--?[a-zA-Z][\w.-]*)", re.M)
 COMMANDS = [

@@ -8,7 +8,7 @@ import pytest
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes
 from muybridge.geometry.landmarks.sets import BODY23
-from muybridge.infer.detection.background import BackgroundModel, silhouettes
+from muybridge.infer.detection.background import BackgroundModel, silhouettes, sort_images
 from muybridge.infer.detection.crop_pixels import extract_crops
 from muybridge.infer.detection.orientation import FrameOrientation, Letterbox, orientation_for
 from muybridge.infer.networks.keypoints import KeypointNetwork
@@ -21,6 +21,12 @@ ROLLED = Camera(
     "rolled", "OPENCV", WIDTH, HEIGHT, (600.0, 600.0, 320.0, 240.0, -0.1, 0.02, 0, 0),
     np.column_stack([_TURN, -_TURN @ np.array([0.0, -4.0, 1.0])]),
 )  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 25])
+def test_images_are_sorted_pixel_by_pixel(count: int) -> None:
+    images = np.random.default_rng(count).integers(0, 256, (count, 6, 5, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(sort_images(images.copy()), np.sort(images, axis=0))
 
 
 def test_background_plate_omits_moving_people() -> None:

@@ -106,8 +106,9 @@ def film(path, positions, step=40, depth=180):
 
 def test_repeated_frames_are_found_in_an_encoded_video(tmp_path):
     source = np.arange(40) // 2 * 2
-    repeats = RepeatedFrames()
-    for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + 4 * source)):
+    video = film(tmp_path / "film.mp4", 20 + 4 * source)
+    repeats = RepeatedFrames(video.width, video.height)
+    for chunk in read_chunks(video):
         for frame in chunk:
             repeats.add(frame)
     assert np.flatnonzero(repeats.confirmed(tracks(4.0 * source))).tolist() == list(range(1, 39, 2))
@@ -117,8 +118,9 @@ def test_repeated_frames_are_found_in_an_encoded_video(tmp_path):
 def test_similar_frames_are_no_repeats(tmp_path):
     """Somebody who hardly differs from the ground: the pictures do not tell that they move, their landmarks do."""
     x = 4.0 * np.arange(40)
-    repeats = RepeatedFrames()
-    for chunk in read_chunks(film(tmp_path / "film.mp4", 20 + x, depth=-6)):
+    video = film(tmp_path / "film.mp4", 20 + x, depth=-6)
+    repeats = RepeatedFrames(video.width, video.height)
+    for chunk in read_chunks(video):
         for frame in chunk:
             repeats.add(frame)
     assert np.mean(repeats._repeats) > 0.3
@@ -140,7 +142,7 @@ def test_a_video_frozen_to_its_end_is_found_by_the_other_cameras():
 def test_still_frames_at_the_end_are_counted():
     pictures = np.random.default_rng(0).integers(0, 255, (6, 40, 40, 3)).astype(np.uint8)
     for shown, expected in (([0, 1, 2, 2, 2], 3), ([0, 1, 1, 2], 4), ([0, 0, 0], 1)):
-        repeats = RepeatedFrames()
+        repeats = RepeatedFrames(40, 40)
         for k in shown:
             repeats.add(pictures[k])
         assert repeats.still_from == expected

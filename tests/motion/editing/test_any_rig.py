@@ -12,13 +12,23 @@ from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.motion.contacts.feet import find_legs
 from muybridge.motion.contacts.planting import plant_feet
 from muybridge.motion.editing import STEPS, edit_take, find_sides, mirror, parse_steps, rename_joints
+from muybridge.motion.formats import write_file
 from muybridge.motion.take import Take
 from tests.geometry.roles.bodies import HABITS, four_legged, human
 from tests.motion.editing.clips import walk
 from tests.motion.retargeting.test_retarget import character, moving
 
 STRANGE = ("unreal", "blender", "cartoon", "quaternius", "mmd", "wings")
-WORDS = {"trim": "0.1", "resample": "50", "turn": "30", "move": "1 0 0", "rename": "mixamo", "scale": "1.1"}
+WORDS = {
+    "trim": "0.1",
+    "resample": "50",
+    "turn": "30",
+    "move": "1 0 0",
+    "rename": "mixamo",
+    "scale": "1.1",
+    "bands": "1 1 1.2 keep",
+    "timewarp": "0.2=0.3",
+}
 
 
 def strange(habit, turn=None, frames=40):
@@ -35,10 +45,14 @@ def scrambled_walk():
 
 
 @pytest.mark.parametrize("habit", STRANGE)
-def test_every_step_works_on_a_rig_without_known_names(habit):
-    motion, _ = strange(habit)
+def test_every_step_works_on_a_rig_without_known_names(habit, tmp_path):
+    motion, roles = strange(habit)
+    write_file(tmp_path / "pose.glb", Take(motion=motion.select([3])))
+    hand = motion.joint_positions_world()[6, roles["left_hand"]]
+    words = {**WORDS, "warp": f"{tmp_path / 'pose.glb'} 3f",
+             "reach": "left_hand 6f " + " ".join(f"{v:.3f}" for v in hand)}  # fmt: skip
     for name in STEPS:
-        out, notes = edit_take(Take(motion=motion), parse_steps([name, *WORDS.get(name, "").split()]))
+        out, notes = edit_take(Take(motion=motion), parse_steps([name, *words.get(name, "").split()]))
         assert out.motion is not None and np.isfinite(out.motion.quat_wxyz).all() and len(notes) == 1
 
 

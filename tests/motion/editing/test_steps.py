@@ -1,14 +1,17 @@
 """The table of steps: words to steps, and steps on takes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import PROFILES
 from muybridge.motion.editing import STEPS, Step, edit_take, parse_steps, reduce_keys
 from muybridge.motion.editing.arguments import Frames
+from muybridge.motion.formats import write_file
 from muybridge.motion.formats.points.c3d import C3DTake, Event
 from muybridge.motion.take import Take
 from tests.motion.editing.clips import CLIPS, FPS, points, walk
@@ -17,8 +20,19 @@ from tests.motion.editing.clips import CLIPS, FPS, points, walk
 EXAMPLES = {
     "trim": "0.5 1.5", "resample": "30", "mirror": "", "loop": "0.5 1.6", "in-place": "", "root-motion": "",
     "turn": "90", "move": "1 0 5cm", "floor": "", "plant": "", "smooth": "6", "reduce": "2", "rename": "mixamo",
-    "scale": "120%",
+    "scale": "120%", "bands": "1 1 1.5 0.5 keep",
+    "timewarp": "0.5=0.8 1=1.2", "warp": "{keys} 0.5", "reach": "left_hand 0.5 {place}",
 }  # fmt: skip
+
+
+def _example(step: Step, folder: Path, motion: Motion) -> list[str]:
+    """The step's words, with the file of a pose and a place that a hand can reach."""
+    words = EXAMPLES[step.name]
+    if "{keys}" in words:
+        write_file(folder / "pose.glb", Take(motion=motion.select([10])))
+    place = motion.joint_positions_world()[round(0.5 * FPS), motion.skeleton.index("left_hand")] + [0.0, -0.1, 0.05]
+    shown = " ".join(f"{v:.3f}" for v in place)
+    return [step.name, *words.format(keys=folder / "pose.glb", place=shown).split()]
 
 
 def _values(text: str) -> list[tuple[str, dict[str, object]]]:
@@ -75,18 +89,18 @@ def test_words_that_are_no_steps(text: str, words: str) -> None:
 
 @pytest.mark.parametrize("step", STEPS.values(), ids=list(STEPS))
 @pytest.mark.parametrize("clip", CLIPS)
-def test_every_step_on_every_skeleton(step: Step, clip: str) -> None:
+def test_every_step_on_every_skeleton(step: Step, clip: str, tmp_path: Path) -> None:
     motion = CLIPS[clip]().select(slice(0, 100))
-    take, notes = edit_take(Take(motion=motion), parse_steps([step.name, *EXAMPLES[step.name].split()]))
+    take, notes = edit_take(Take(motion=motion), parse_steps(_example(step, tmp_path, motion)))
     assert take.motion is not None and take.motion is not motion
     assert np.isfinite(take.motion.joint_positions_world()).all()
     assert len(notes) == 1 and notes[0].startswith(f"step 1, {step.name}") and "\n" not in notes[0]
 
 
 @pytest.mark.parametrize("step", STEPS.values(), ids=list(STEPS))
-def test_every_step_on_points(step: Step) -> None:
+def test_every_step_on_points(step: Step, tmp_path: Path) -> None:
     take = Take(points=points(140))
-    calls = parse_steps([step.name, *EXAMPLES[step.name].split()])
+    calls = parse_steps(_example(step, tmp_path, walk(40)))
     if step.points:
         edited, _ = edit_take(take, calls)
         assert edited.points is not None and np.isfinite(edited.points.points_world).any()

@@ -63,7 +63,7 @@ def test_the_rate_falls_with_the_steps(tmp_path, monkeypatch):
     assert len(rates) == 20 and rates[0] == rates[15] == 2e-3 and rates[19] == pytest.approx(2e-3 / 4)
 
 
-@pytest.mark.parametrize("network", ["keypoints", "people", "labels", "solver", "adapt"])
+@pytest.mark.parametrize("network", ["keypoints", "people", "labels", "solver", "rigger", "skinning", "adapt"])
 def test_every_training_takes_steps(tmp_path, network):
     given = [network, "--steps", "7", "--out", str(tmp_path)]
     options = tyro.cli(commands._Network, args=given + ["--footage", "x.npz"] * (network == "adapt"))

@@ -13,6 +13,7 @@ from muybridge.errors import FormatError
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.character import Morph
 from muybridge.motion.character.meshes import (
+    BoundMesh,
     Look,
     Picture,
     StaticMesh,
@@ -181,6 +182,18 @@ def test_other_files_are_refused(tmp_path):
     (tmp_path / "b.glb").write_bytes(b"glTF\2\0\0\0\x10\0\0\0junk")
     with pytest.raises(FormatError, match="b.glb"):
         read_mesh(tmp_path / "b.glb")
+    for content in (b"", b"\n\n", bytes(64)):  # a file that was never written to its end
+        (tmp_path / "c.glb").write_bytes(content)
+        with pytest.raises(FormatError, match=r"c\.glb: is empty"):
+            read_mesh(tmp_path / "c.glb")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_an_obj_may_be_saved_as_utf_16(tmp_path, body, encoding):
+    vertices, triangles = body[:2]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a} {b} {c}" for a, b, c in triangles + 1]
+    (tmp_path / "a.obj").write_text("\n".join(lines), encoding=encoding)
+    assert len(read_mesh(tmp_path / "a.obj").triangles) == len(triangles)
 
 
 def test_a_skinned_file_is_read_as_it_was_written(tmp_path):
@@ -197,7 +210,7 @@ def test_a_skinned_file_is_read_as_it_was_written(tmp_path):
     skeleton, root = person_rig.skeleton(), person_rig.joints[0]
     joints = rng.integers(0, len(skeleton), (2 * len(vertices), 4))
     weights = rng.dirichlet(np.ones(4), 2 * len(vertices))
-    write_skinned_glb(tmp_path / "x.glb", mesh, skeleton, root, joints, weights)
+    write_skinned_glb(tmp_path / "x.glb", BoundMesh(mesh, skeleton, root, joints, weights))
     back = read_character(tmp_path / "x.glb")
     assert set(back.skeleton.names) == set(skeleton.names)
     at = {n: p for n, p in zip(back.skeleton.names, back.skeleton.rest_positions + back.root_at_rest, strict=True)}
@@ -219,7 +232,7 @@ def test_a_vrm_names_its_bones(tmp_path):
     mesh = StaticMesh(tmp_path / "x.obj", (Surface("body", vertices, triangles),))
     one = np.zeros((len(vertices), 1), np.int64)
     bones = {"hips": rig.roles["hips"], "leftUpperLeg": rig.roles["left_thigh"]}
-    write_skinned_glb(tmp_path / "x.vrm", mesh, rig.skeleton(), rig.joints[0], one, one + 1.0, bones)
+    write_skinned_glb(tmp_path / "x.vrm", BoundMesh(mesh, rig.skeleton(), rig.joints[0], one, one + 1.0, bones))
     back = read_character(tmp_path / "x.vrm")
     assert back.skeleton.names[back.humanoid["leftUpperLeg"]] == "left_thigh"
     data = (tmp_path / "x.vrm").read_bytes()

@@ -16,8 +16,8 @@ import numpy as np
 from muybridge import __version__
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.files import replacing
-from muybridge.geometry.skeleton.skeleton import Skeleton
-from muybridge.motion.character.meshes.static_mesh import Look, StaticMesh, Surface
+from muybridge.motion.character.meshes.bound_mesh import BoundMesh
+from muybridge.motion.character.meshes.static_mesh import Look, Surface
 from muybridge.motion.formats.gltf.container import ARRAY_BUFFER, UNSIGNED_BYTE, UNSIGNED_SHORT, Buffer, pack_glb
 from muybridge.motion.formats.gltf.write import GLTF_FROM_WORLD, inverse_bind, joint_nodes
 
@@ -26,39 +26,27 @@ _MOST = 4  # influences of a set of attributes
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
-def write_skinned_glb(
-    path: Path, mesh: StaticMesh, skeleton: Skeleton, root: FloatArray, joints: IntArray, weights: FloatArray,
-    humanoid: Mapping[str, int] | None = None,
-) -> None:  # fmt: skip
-    """Write a mesh with its skeleton at rest, without animation.
+def write_skinned_glb(path: Path, bound: BoundMesh) -> None:
+    """Write a mesh with its skeleton at rest, without animation; as a VRM where it has a humanoid.
 
     Args:
         path: the file to write; replaced only once it is complete.
-        mesh: metres, Z up, facing -Y.
-        skeleton: at rest in the mesh.
-        root: (3,) metres, where its first joint is.
-        joints: (V, K) of the vertices of all surfaces.
-        weights: (V, K) each row's sum one.
-        humanoid: joints by the names of VRM 1.0's bones, for a VRM; None for a plain glTF.
+        bound: the mesh and its skeleton.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    buffer = Buffer()
-    rest = skeleton.rest_positions + root
+    buffer, skeleton = Buffer(), bound.skeleton
+    rest = skeleton.rest_positions + bound.root
     nodes = joint_nodes(skeleton, rest)
     tops = list(skeleton.roots)
-    starts = np.cumsum([0, *(len(s.positions) for s in mesh.surfaces)])
-    parts = [_part(buffer, surface, joints[a:b], weights[a:b], len(skeleton))
-             for surface, a, b in zip(mesh.surfaces, starts, starts[1:], strict=False)]  # fmt: skip
-    names = list(dict.fromkeys(s.name for s in mesh.surfaces))
     meshes: list[dict[str, Any]] = []
     drawn: list[dict[str, Any]] = []
-    for name in names:
-        own = [p for p, s in zip(parts, mesh.surfaces, strict=True) if s.name == name]
-        entry: dict[str, Any] = {"name": name, "primitives": own}
-        morphs = next((s.morphs for s in mesh.surfaces if s.name == name), ())
-        if morphs and all("targets" in part for part in own):
+    for name, surfaces in bound.objects():
+        parts = [_part(buffer, s, bound.joints[at], bound.weights[at], len(skeleton)) for s, at in surfaces]
+        entry: dict[str, Any] = {"name": name, "primitives": parts}
+        morphs = surfaces[0][0].morphs
+        if morphs and all("targets" in part for part in parts):
             entry |= {"weights": [0.0] * len(morphs), "extras": {"targetNames": [m.name for m in morphs]}}
         drawn.append({"name": name, "mesh": len(meshes), "skin": 0})
         meshes.append(entry)
@@ -71,9 +59,9 @@ def write_skinned_glb(
         "skins": [{"name": "skeleton", "skeleton": tops[0], "joints": list(range(len(skeleton))),
                    "inverseBindMatrices": buffer.add(inverse_bind(skeleton, rest), "MAT4")}],
     }  # fmt: skip
-    document |= _look(mesh.look, buffer)
-    if humanoid is not None:
-        _add_vrm(document, humanoid, path.stem)
+    document |= _look(bound.mesh.look, buffer)
+    if bound.humanoid is not None:
+        _add_vrm(document, bound.humanoid, path.stem)
     document |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
     document["buffers"] = [{"byteLength": len(buffer.data)}]
     data = pack_glb(document, bytes(buffer.data))

@@ -43,24 +43,35 @@ def inertial_decay(
 
 
 def rotation_offsets(old: FloatArray, new: FloatArray) -> FloatArray:
-    """(F, J, 3) rotation vectors that turn the new rotations (F, J, 4) into the old ones, without jumps in time."""
-    return rotvec_from_quat(continuous_quat(multiply_quat(old, conjugate_quat(new))))
+    """(F, J, 3) rotation vectors that turn the new rotations (F, J, 4) into the old ones, without jumps in time; those
+    of the last frame are of at most half a turn."""
+    out = rotvec_from_quat(multiply_quat(old, conjugate_quat(new)))
+    for f in range(len(out) - 2, -1, -1):  # beyond half a turn a vector has another one that means the same
+        size = np.maximum(np.linalg.norm(out[f], axis=-1, keepdims=True), 1e-12)
+        other = out[f] * (1 - 2 * np.pi / size)
+        nearer = np.linalg.norm(other - out[f + 1], axis=-1) < np.linalg.norm(out[f] - out[f + 1], axis=-1)
+        out[f] = np.where(nearer[:, None], other, out[f])
+    return out
 
 
-def inertialise(old: Motion, new: Motion, seconds: float = 0.3, match_bend: bool = True) -> Motion:
+def inertialise(old: Motion, new: Motion, seconds: float = 0.3, match_bend: bool = True, lead: int = 0) -> Motion:
     """Play `new`, begun so that it continues `old` without a jump in place, velocity or acceleration.
 
     Args:
         old: what has been played; of its last three frames the last one is where the transition happens.
-        new: (T frames) what plays from there on, already where it is wanted on the ground; its first frame is
-            at the time of the old motion's last one. The same skeleton and frames per second.
+        new: what plays from there on, already where it is wanted on the ground. The same skeleton and frames per
+            second.
         seconds: over which the difference dies away.
         match_bend: whether the acceleration is continuous too; where the old motion is noisy it is better not.
+        lead: frames of `new` before the one that is at the time of the old motion's last one: they are not played, and
+            tell how it moves there. Where there are none, it is taken to have moved as it goes on.
 
     Returns:
-        (T frames) the new motion; its first frame is the old one's last.
+        (T - lead frames) the new motion; its first frame is the old one's last.
     """
-    frames = min(3, len(old), len(new))
+    before = new.select(slice(max(lead - 2, 0), lead + 1))
+    new = new.select(slice(lead, None))
+    frames = min(3, len(old), len(new) if lead < 2 else 3)
     times = np.arange(len(new)) / new.fps
 
     def settle(difference: FloatArray) -> FloatArray:
@@ -72,11 +83,17 @@ def inertialise(old: Motion, new: Motion, seconds: float = 0.3, match_bend: bool
             rate = rate + 0.5 * bend / new.fps  # a one-sided difference is the rate half a frame ago
         return inertial_decay(difference[-1], rate, bend, seconds, times)
 
-    places = settle(old.root_positions_world[-frames:] - _before(new.root_positions_world, frames))
-    turns = settle(rotation_offsets(old.quat_wxyz[-frames:], _before_rotations(new.quat_wxyz, frames)))
+    def leading(values: FloatArray, known: FloatArray) -> FloatArray:
+        return known[-frames:] if len(known) >= frames else _before(values, frames)
+
+    ago = before.quat_wxyz[-frames:] if len(before) >= frames else _before_rotations(new.quat_wxyz, frames)
+    places = settle(old.root_positions_world[-frames:]
+                    - leading(new.root_positions_world, before.root_positions_world))  # fmt: skip
+    turns = settle(rotation_offsets(old.quat_wxyz[-frames:], ago))
     slides = None
-    if new.translations is not None and old.translations is not None:
-        slides = new.translations + settle(old.translations[-frames:] - _before(new.translations, frames))
+    if new.translations is not None and old.translations is not None and before.translations is not None:
+        gone = leading(new.translations, before.translations)
+        slides = new.translations + settle(old.translations[-frames:] - gone)
     return replace(
         new,
         root_positions_world=new.root_positions_world + places,

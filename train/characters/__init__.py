@@ -1,0 +1,5 @@
+"""Training and export of the networks for characters: weights of a skin, and joints in a mesh."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,7 @@
+from .options import RiggerTraining as RiggerTraining
+from .options import SkinningTraining as SkinningTraining
+
+__all__ = [
+    "RiggerTraining",
+    "SkinningTraining",
+]
