@@ -3,6 +3,7 @@
 import base64
 import html
 import io
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,7 +140,8 @@ def _figure(width: float, height: float) -> "Figure":
 
 def _write(path: Path, figure: "Figure", title: str) -> None:
     if path.suffix.lower() != ".html":
-        figure.suptitle(title, fontsize=10)
+        columns = int(12 * figure.get_figwidth())  # characters of this size that fit beside each other
+        figure.suptitle("\n".join(textwrap.wrap(title, columns)), fontsize=10)
     with replacing(path) as temporary:
         if path.suffix.lower() != ".html":
             figure.savefig(temporary)
