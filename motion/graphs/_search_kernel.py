@@ -88,6 +88,81 @@ def _follow(
 
 
 @compiled
+def _choose(
+    cost: FloatArray, estimate: FloatArray, open_nodes: BoolArray, depth: IntArray, layer: int, layers: int,
+    best: float,
+) -> tuple[int, int]:  # fmt: skip
+    """The open node to follow up next, and its layer: layers in turn, in each the one that promises most. Nodes that
+    cost more already than the best whole walk are closed; -1 where none is open."""
+    for _ in range(layers):
+        chosen, layer = -1, (layer + 1) % layers
+        for q in range(len(open_nodes)):
+            if open_nodes[q] and cost[q] >= best:
+                open_nodes[q] = False
+            if open_nodes[q] and depth[q] == layer and (chosen < 0 or estimate[q] < estimate[chosen]):
+                chosen = q
+        if chosen >= 0:
+            return chosen, layer
+    return -1, layer
+
+
+@compiled
+def _children(
+    trail: FloatArray, wrong: FloatArray, places: FloatArray, stops: IntArray, first_leaving: IntArray,
+    leave: IntArray, enter: IntArray, yaw: FloatArray, shift: FloatArray, rough: FloatArray, share: FloatArray,
+    least: float, node: FloatArray, state: int, end: int, costs: FloatArray, alongs: FloatArray, best: float,
+    children: FloatArray, guesses: FloatArray, ways: IntArray,
+) -> int:  # fmt: skip
+    """The nodes behind all transitions that leave the clip between `state` and `end`.
+
+    Args:
+        costs, alongs: of the node's clip from `state` on, as `_play` leaves them.
+        best: cost from which a child is cut off.
+        children: changed: the nodes. guesses: changed: what staying in the entered clip costs. ways: changed: the
+            transitions.
+
+    Returns:
+        How many there are.
+    """
+    window, last, played, found = len(share), len(places) - 1, end - state, 0
+    room = max(window, int(node[LEFT])) + 2
+    here, costs_too, alongs_too = np.zeros(6), np.zeros(room), np.zeros(room)
+    for e in range(first_leaving[state], first_leaving[min(end + 1, len(first_leaving) - 1)]):
+        at = leave[e] - state
+        if leave[e] >= stops[state] or at > played or alongs[at] >= last or found >= len(children):
+            break
+        if costs[at] + rough[e] >= best or at >= node[LEFT]:
+            continue
+        here[:] = node
+        here[ALONG], here[COST], here[LEFT] = alongs[at], costs[at] + rough[e], node[LEFT] - at
+        _follow(trail, wrong, places, here, leave[e], enter[e], yaw[e], shift[e], share, least, children[found])
+        if children[found, COST] >= best:
+            continue
+        target = enter[e] + window
+        here[:] = children[found]
+        here[LEFT] = min(here[LEFT], window)
+        stop = _play(trail, wrong, places, here, target, stops[target], least, costs_too, alongs_too)
+        guesses[found], ways[found] = costs_too[stop - target], e
+        found += 1
+    return found
+
+
+@compiled
+def _trace(node: int, parents: IntArray, used: IntArray, left: FloatArray) -> tuple[int, IntArray, FloatArray]:
+    """The root that a node goes back to, the transitions on the way, and what was left of the frames at each."""
+    size, q = 0, node
+    while parents[q] >= 0:
+        size, q = size + 1, parents[q]
+    edges, lefts = np.zeros(size, np.int64), np.zeros(size)
+    root, q = q, node
+    while parents[q] >= 0:
+        size -= 1
+        edges[size], lefts[size] = used[q], left[q]
+        q = parents[q]
+    return root, edges, lefts
+
+
+@compiled
 def search_ahead(
     trail: FloatArray, wrong: FloatArray, places: FloatArray, stops: IntArray, component: BoolArray,
     first_leaving: IntArray, leave: IntArray, enter: IntArray, yaw: FloatArray, shift: FloatArray, rough: FloatArray,
@@ -125,7 +200,6 @@ def search_ahead(
     count = len(roots)
     longest = int(roots[:, 5].max()) + 2
     costs, alongs = np.zeros(longest), np.zeros(longest)
-    costs_too, alongs_too = np.zeros(longest), np.zeros(longest)
     here, depth = np.zeros(6), np.zeros(room, np.int64)
     for r in range(count):
         nodes[r], states[r], parents[r], used[r], open_nodes[r] = roots[r], root_states[r], -1, -1, True
@@ -137,16 +211,7 @@ def search_ahead(
     most, layer, layers = 4096, -1, max(longest // max(window // 2, 1), 1)
     children, guesses, ways = np.zeros((most, 6)), np.zeros(most), np.zeros(most, np.int64)
     for _ in range(budget):
-        chosen = -1
-        for _layer in range(layers):
-            layer = (layer + 1) % layers
-            for q in range(count):
-                if open_nodes[q] and nodes[q, COST] >= best:
-                    open_nodes[q] = False
-                if open_nodes[q] and depth[q] == layer and (chosen < 0 or estimate[q] < estimate[chosen]):
-                    chosen = q
-            if chosen >= 0:
-                break
+        chosen, layer = _choose(nodes[:, COST], estimate, open_nodes[:count], depth, layer, layers, best)
         if chosen < 0:
             break
         open_nodes[chosen] = False
@@ -157,24 +222,10 @@ def search_ahead(
         if done or (played >= node[LEFT] and end < stops[state] and component[end]):
             if costs[played] < best:
                 best, best_node, whole = costs[played], chosen, True
-        found = 0
-        for e in range(first_leaving[state], first_leaving[min(end + 1, len(component))]):
-            at = leave[e] - state
-            if leave[e] >= stops[state] or at > played or alongs[at] >= last or found >= most:
-                break
-            if costs[at] + rough[e] >= best or at >= node[LEFT]:
-                continue
-            here[:] = node
-            here[ALONG], here[COST], here[LEFT] = alongs[at], costs[at] + rough[e], node[LEFT] - at
-            _follow(trail, wrong, places, here, leave[e], enter[e], yaw[e], shift[e], share, least, children[found])
-            if children[found, COST] >= best:
-                continue
-            target = enter[e] + window
-            here[:] = children[found]
-            here[LEFT] = min(here[LEFT], window)
-            stop = _play(trail, wrong, places, here, target, stops[target], least, costs_too, alongs_too)
-            guesses[found], ways[found] = costs_too[stop - target], e
-            found += 1
+        found = _children(
+            trail, wrong, places, stops, first_leaving, leave, enter, yaw, shift, rough, share, least, node, state, end,
+            costs, alongs, best, children, guesses, ways,
+        )  # fmt: skip
         order = np.argsort(guesses[:found])
         for q in order[: min(_CHILDREN, room - count)]:
             nodes[count], states[count], parents[count], used[count] = (
@@ -190,15 +241,7 @@ def search_ahead(
     if best_node < 0:
         # Nothing whole was found: what got farthest.
         best_node = int(np.argmin(nodes[:count, LEFT]))
-    size, q = 0, best_node
-    while parents[q] >= 0:
-        size, q = size + 1, parents[q]
-    edges, left = np.zeros(size, np.int64), np.zeros(size)
-    root, q = q, best_node
-    while parents[q] >= 0:
-        size -= 1
-        edges[size], left[size] = used[q], nodes[q, LEFT]
-        q = parents[q]
+    root, edges, left = _trace(best_node, parents, used, nodes[:, LEFT])
     return root, edges, left, whole
 
 

@@ -89,8 +89,8 @@ def window_features(clips: Sequence[Motion], window: int) -> WindowFeatures:
                       valid))  # fmt: skip
     numbers = np.repeat(np.arange(len(clips)), [len(c) for c in clips])
     joined = [np.concatenate(p) for p in zip(*parts, strict=True)]
-    single = [np.ascontiguousarray(p, dtype=np.float32) for p in joined[:6]]
-    return WindowFeatures(window, *single, joined[6], numbers)  # type: ignore[call-arg]
+    a, b, c, d, e, f = (np.ascontiguousarray(p, dtype=np.float32) for p in joined[:6])
+    return WindowFeatures(window, a, b, c, d, e, f, joined[6].astype(np.bool_), numbers)
 
 
 def _swing(centroid: FloatArray, window: int) -> FloatArray:
@@ -169,7 +169,7 @@ def sampled_distances(clips: Sequence[Motion], window: int, frames: IntArray) ->
 
     def products(left: Float32Array, right: Float32Array) -> FloatArray:
         a, b = (values[at].reshape(len(frames), -1) for values in (left, right))
-        return (a @ b.T).astype(np.float64) / window
+        return np.asarray((a @ b.T).astype(np.float64) / window)
 
     along = products(features.along, features.along) + features.swing[frames] @ features.swing[frames].T
     across = products(features.across, features.along) + features.swing_across[frames] @ features.swing[frames].T

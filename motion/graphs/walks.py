@@ -196,8 +196,8 @@ def action_component(graph: MotionGraph, action: str) -> BoolArray:
     if not inside.any():
         frames = int(of_action.sum())
         raise MuybridgeError(
-            f"one cannot go on in {action!r}: of its clips {frames} frames are connected to the others, and no transition "
-            "among them leads back; build the graph with more or longer takes of it, or a larger threshold"
+            f"one cannot go on in {action!r}: of its clips {frames} frames are connected to the others, and no "
+            "transition among them leads back; build the graph with more or longer takes of it, or a larger threshold"
         )
     return inside
 

@@ -1,4 +1,4 @@
-"""The commands `graph build`, `graph walk` and `graph show`: motion graphs of takes, walks in them, pictures of them."""
+"""The commands `graph build`, `graph walk` and `graph show`: graphs of takes, walks in them, pictures of them."""
 
 from pathlib import Path
 from typing import Annotated

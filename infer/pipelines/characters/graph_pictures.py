@@ -1,4 +1,4 @@
-"""Pictures of motion graphs: the matrix of distances with its minima, clips with their transitions, walks from above."""
+"""Pictures of motion graphs: the matrix of distances with its minima, clips with their transitions, walks."""
 
 import base64
 import html

@@ -149,8 +149,8 @@ def describe(built: Built, names: Sequence[str]) -> list[str]:
         lines.append(f"passed over, since they are no longer than the window of {graph.window} frames: {short}")
     how = "chosen" if choice.chosen else "given"
     lines.append(
-        f"threshold {100 * choice.threshold:.3g} cm, {how}; {100 * choice.needed:.3g} cm would connect nine in ten of all "
-        f"frames that can be, and the motions go {100 * choice.usual:.3g} cm in half a window"
+        f"threshold {100 * choice.threshold:.3g} cm, {how}; {100 * choice.needed:.3g} cm would connect nine in ten of "
+        f"all frames that can be, and the motions go {100 * choice.usual:.3g} cm in half a window"
     )
     if built.rough:
         lines.append(

@@ -24,7 +24,10 @@ def take(path, motion):
 def takes(tmp_path_factory):
     folder, whole = tmp_path_factory.mktemp("takes"), walking(520)
     other = place_at(whole.select(slice(200, 520)), 2.0, np.array([3.0, -1.0]))
-    return (take(folder / "walk_1.bvh", whole.select(slice(0, 300))), take(folder / "stroll.bvh", resample(other, 30.0)))
+    return (
+        take(folder / "walk_1.bvh", whole.select(slice(0, 300))),
+        take(folder / "stroll.bvh", resample(other, 30.0)),
+    )
 
 
 @pytest.fixture(scope="module")
