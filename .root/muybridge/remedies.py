@@ -7,6 +7,7 @@ compares the two. Texts are format strings; the exception's `details` fill in th
 REMEDIES: dict[str, str] = {
     "align_rigid": 'pass align="rigid"',
     "board_page": "use smaller squares, larger paper, or paper=None for a page as large as the board needs",
+    "build_graph": "build one with muybridge.motion.graphs.build_graph and save_graph",
     "butterworth": 'pass method="butterworth" with it',
     "bvh_units": "pass `units`, one of {units}",
     "calibration_path": "or pass the path of one",
@@ -23,6 +24,7 @@ REMEDIES: dict[str, str] = {
     "fps_range": "pass a number above zero as fps, not {fps}",
     "fps_unstated": "pass `fps`, frames per second",
     "frames_unnumbered": "number them in a column `frame`, or pass `fps` if no frame is missing",
+    "graph_threshold": "pass threshold={metres} in GraphOptions, or add takes that are alike somewhere",
     "has_skin": "put takes onto it with `muybridge.motion.retargeting.retarget`",
     "image_size": "pass size, videos or lenses",
     "leave_out_camera": "or leave the camera out",

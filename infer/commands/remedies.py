@@ -10,6 +10,7 @@ from muybridge.errors import MuybridgeError
 COMMAND_REMEDIES: dict[str, str] = {
     "align_rigid": "give --align rigid",
     "board_page": "take smaller squares (--square), larger paper or --paper fit",
+    "build_graph": "`muybridge graph build TAKES --out walks.graph` makes one",
     "butterworth": "give --smooth butterworth with it",
     "bvh_units": "state it with --units, one of {units}",
     "calibration_path": "or name one with --calibration",
@@ -26,6 +27,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "fps_range": "give --fps a number above zero, not --fps {fps}",
     "fps_unstated": "state it with --fps",
     "frames_unnumbered": "number them in a column `frame`, or state with --fps that nothing is missing",
+    "graph_threshold": "give --threshold {metres}, or add takes that are alike somewhere",
     "has_skin": "put takes onto it with `muybridge retarget {takes} --to {mesh}`",
     "image_size": "give --size WIDTH HEIGHT, --videos or --lenses",
     "leave_out_camera": "or leave it out with --cameras",

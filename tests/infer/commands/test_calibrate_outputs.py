@@ -118,6 +118,7 @@ COMMANDS_WITH_OUT = {
     "calibrate scan": ["FOLDER", "--cameras", "FOLDER"], "calibrate world": ["FILE", "--turn-deg", "90"],
     "synth": [], "train": ["keypoints"], "retarget": ["FILE", "--to", "FILE"],
     "character": ["FILE", "--rig-only"], "view": ["FILE"], "assist": ["FILE", "--from", "FILE"],
+    "graph build": ["FILE"], "graph show": ["FILE"],
     "match build": ["FILE"], "match play": ["FILE"], "match walk": ["FILE"],
     "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"],
 }  # fmt: skip
