@@ -63,11 +63,11 @@ def _jobs(options: argparse.Namespace, threads: int) -> dict[str, Callable[[], o
         for size in options.sizes:
             image = np.random.default_rng(0).random((BATCH, 3, size, size), np.float32)
             jobs[f"{precision} {size}"] = lambda s=session, i=image: s.run(None, {"image": i})
-    jobs["matmul"] = _product(threads)
+    jobs["matmul"] = matrix_product(threads)
     return jobs
 
 
-def _product(threads: int) -> Callable[[], object]:
+def matrix_product(threads: int) -> Callable[[], object]:
     """A large float32 matrix product in onnxruntime, with as many threads."""
     import numpy as np
     import onnx
