@@ -20,6 +20,7 @@ from muybridge.motion.editing.mirroring import mirror
 
 APART_M = 0.01  # root mean square over the joints, by which two examples differ at least
 MOST = 1000  # examples that a style is learned from
+PARTS = 5  # of a take
 _MOST_FRAMES = 20_000  # of a take that are compared; of longer ones every second, third...
 _SLIDE_M = 0.02  # that a joint may slide and still be held
 
@@ -32,11 +33,14 @@ class Examples:
         skeleton: whose, with rigid bones.
         quat_wxyz: (E, J, 4) rotation of each joint relative to its parent; the root's do not matter.
         takes: names of the takes that they are from.
+        part: (E,) which fifth of which take: five times the take's number, plus 0 to 4. Parts are left out together to
+            judge how well a style goes beyond its examples.
     """
 
     skeleton: Skeleton
     quat_wxyz: FloatArray
     takes: tuple[str, ...]
+    part: IndexArray
 
     def __len__(self) -> int:
         return len(self.quat_wxyz)
@@ -50,13 +54,16 @@ class Examples:
         if self.skeleton.names != other.skeleton.names:
             raise ValueError("examples of two skeletons cannot be merged")
         takes = tuple(dict.fromkeys((*self.takes, *other.takes)))
-        both = Examples(self.skeleton, np.concatenate([self.quat_wxyz, other.quat_wxyz]), takes)
+        number = np.array([takes.index(name) for name in other.takes])
+        part = number[other.part // PARTS] * PARTS + other.part % PARTS
+        both = Examples(self.skeleton, np.concatenate([self.quat_wxyz, other.quat_wxyz]), takes,
+                        np.concatenate([self.part, part]))  # fmt: skip
         return both.thinned(apart, most)
 
     def thinned(self, apart: float = APART_M, most: int = MOST) -> "Examples":
         """The examples that are at least `apart` metres from each other, and no more than `most`."""
         kept = np.sort(farthest_first(_shape_of(self.skeleton, self.quat_wxyz), apart, most))
-        return replace(self, quat_wxyz=self.quat_wxyz[kept])
+        return replace(self, quat_wxyz=self.quat_wxyz[kept], part=self.part[kept])
 
 
 def examples_of(
@@ -86,10 +93,11 @@ def examples_of(
             rigid = short.with_rigid_bones(_SLIDE_M)
         except ValueError as error:
             raise MuybridgeError(f"{error}; a style is of a skeleton with one root and rigid bones") from error
-        found = Examples(rigid.skeleton, rigid.quat_wxyz, (name,)).thinned(apart, most)
+        part = np.arange(len(rigid)) * PARTS // len(rigid)
+        found = Examples(rigid.skeleton, rigid.quat_wxyz, (name,), part).thinned(apart, most)
         if mirrored:
-            image = mirror(rigid, roles=roles)
-            return found.merged(Examples(rigid.skeleton, image.quat_wxyz, (name,)).thinned(apart, most), apart, most)
+            image = Examples(rigid.skeleton, mirror(rigid, roles=roles).quat_wxyz, (name,), part)
+            return found.merged(image.thinned(apart, most), apart, most)
     except MuybridgeError as error:
         raise error.about(name) from error
     return found

@@ -9,16 +9,20 @@ from muybridge.arrays import FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.ik.pose_prior import PosePrior, fit_prior
 from muybridge.geometry.numerics.rotations import exp_so3, log_so3, matrix_from_quat, quat_from_matrix
-from muybridge.motion.style.examples import Examples
+from muybridge.motion.style.examples import PARTS, Examples
 from muybridge.motion.style.model import Style, angles_about
 from muybridge.wording import counted
 
 _FEWEST = 8  # different poses
 _STILL = 2e-3  # radians: an angle that ranges over less does not move
 _COUNTS = (1, 2, 4, 8, 12)  # of components that are tried
+_FLOORS = (0.05, 0.1, 0.15)  # radians
+_FOLDS = 3
 _PER_COMPONENT = 20  # examples, at least
 # Hinges of a bending joint stop where the limb is straight, since no example shows what lies beyond.
 _BENDS = {"forearm": ("upper_arm", "hand"), "shin": ("thigh", "foot")}
+# Ball joints that turn a limb toward its goal, about whatever axis: a take of a walk straight ahead does not show all.
+_BALLS = ("thigh", "upper_arm", "spine", "chest", "upper_chest")
 _NEARLY_STRAIGHT = np.radians(12)
 
 
@@ -27,14 +31,16 @@ class StyleOptions:
     """How a style is learned.
 
     Attributes:
-        components: Gaussians of the mixture; None chooses by the likelihood of examples that are left out.
-        floor: radians, added in square to every variance: examples never cover everything.
+        components: Gaussians of the mixture; None chooses by the likelihood of takes that are left out, or of parts
+            where there are fewer than three takes.
+        floor: radians, added in square to every variance, since examples never cover everything; None chooses it in
+            the same way.
         margin: radians beyond the examples' range that an angle may take to meet a goal.
         seed: of the mixture's first centres.
     """
 
     components: int | None = None
-    floor: float = 0.05
+    floor: float | None = None
     margin: float = 1.0
     seed: int = 0
 
@@ -58,13 +64,14 @@ def learn_style(
         raise MuybridgeError(f"{', '.join(examples.takes)}: {counted(len(examples), 'different pose')}; a style needs "
                              f"at least {_FEWEST}")  # fmt: skip
     turns = matrix_from_quat(examples.quat_wxyz)
+    balls = {j for role, j in roles.items() if role.removeprefix("left_").removeprefix("right_") in _BALLS}
     joints: list[int] = []
     axes, angles, names = [], [], []
     means = np.tile(np.eye(3), (len(skeleton), 1, 1))
     for j in range(1, len(skeleton)):
         means[j], own = _principal_axes(turns[:, j])
         theta = angles_about(means[j], own, turns[:, j])
-        for k in np.flatnonzero(np.ptp(theta, axis=0) > _STILL):
+        for k in np.flatnonzero((np.ptp(theta, axis=0) > _STILL) | (j in balls)):
             joints.append(j)
             axes.append(own[:, k])
             angles.append(theta[:, k])
@@ -72,7 +79,7 @@ def learn_style(
     if not joints:
         raise MuybridgeError(f"{', '.join(examples.takes)}: no joint turns")
     theta = np.stack(angles, axis=1)
-    prior = _fitted(tuple(names), theta, options)
+    prior = _fitted(tuple(names), theta, examples, options)
     style = Style(
         skeleton.names, skeleton.parents, skeleton.offsets, roles, quat_from_matrix(means),
         np.array(joints, dtype=np.intp), np.array(axes), theta.min(axis=0) - options.margin,
@@ -95,19 +102,26 @@ def _principal_axes(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean, np.stack([first, second, np.cross(first, second)], axis=1)
 
 
-def _fitted(names: tuple[str, ...], theta: FloatArray, options: StyleOptions) -> PosePrior:
-    """The mixture; of the counts of components that which makes left-out examples likeliest."""
-    if options.components is not None:
-        return fit_prior(names, theta, min(options.components, len(theta)), options.floor, options.seed)
-    left_out = np.arange(len(theta)) % 5 == 4
-    best, most = 1, -np.inf
-    for count in _COUNTS:
-        if count > max(1, len(theta) // _PER_COMPONENT):
-            break
-        likely = fit_prior(names, theta[~left_out], count, options.floor, options.seed).log_density(theta[left_out])
-        if likely.mean() > most:
-            best, most = count, float(likely.mean())
-    return fit_prior(names, theta, best, options.floor, options.seed)
+def _fitted(names: tuple[str, ...], theta: FloatArray, examples: Examples, options: StyleOptions) -> PosePrior:
+    """The mixture; of all counts of components and floors those that make left-out examples likeliest."""
+    fold = examples.part // PARTS % _FOLDS if len(examples.takes) >= _FOLDS else examples.part % _FOLDS
+
+    def likely(count: int, floor: float) -> float:
+        total = 0.0
+        for k in np.unique(fold):
+            seen = theta[fold != k]
+            if len(seen) >= count:
+                total += fit_prior(names, seen, count, floor, options.seed).log_density(theta[fold == k]).sum()
+        return total
+
+    count, floor = options.components, options.floor
+    if count is None:
+        most = max(1, len(theta) // _PER_COMPONENT)
+        count = max((c for c in _COUNTS if c <= most), key=lambda c: likely(c, floor or _FLOORS[1]))
+    count = min(count, len(theta))
+    if floor is None:
+        floor = max(_FLOORS, key=lambda f: likely(count, f))
+    return fit_prior(names, theta, count, floor, options.seed)
 
 
 def _stop_at_straight(style: Style, theta: FloatArray) -> None:

@@ -69,6 +69,10 @@ def solve_pose(
         orientation = None if turn is None else turn @ mean_from[j].T
         wanted.append(Goal(int(carrier), offset, place, orientation))
     result = solve_ik(tree, wanted, method="gmm_prior", prior=style.prior, options=options)
+    if not result.success:
+        # Goals that are far from anything in the takes: what is left is closed with as little change as it takes.
+        closer = solve_ik(tree, wanted, result.theta, "damped", options)
+        result = min(result, closer, key=lambda r: float(r.position_error.max()))
     turns = style.rotations(result.theta[None])
     turns[:, 0] = matrix_from_quat(pose.quat_wxyz[:, 0])
     out = replace(pose, quat_wxyz=quat_from_matrix(turns))
