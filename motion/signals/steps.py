@@ -122,5 +122,5 @@ SIGNAL_STEPS = (
         Parameter("x", "length", "metres in the world", required=True),
         Parameter("y", "length", "metres in the world", required=True),
         Parameter("z", "length", "metres up", required=True), _BLEND, _FEET,
-        Parameter("style", "file", "that `muybridge style` learned, which moves the rest of the body (none)"))),
+        Parameter("style", "file", "of a style learned from takes, in which the rest of the body is posed (none)"))),
 )  # fmt: skip

@@ -82,7 +82,7 @@ def load_style(path: Path) -> Style:
     try:
         style = _style(about, arrays)
         _check(style)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, np.linalg.LinAlgError) as problem:
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as problem:
         raise FormatError(f"{path}: is damaged as a style ({problem!s:.200})") from problem
     return style
 

@@ -158,5 +158,3 @@ def _bend(style: Style, joint: int, behind: int, hinge: int, angles: FloatArray)
     upper = style.offsets[joint] / np.linalg.norm(style.offsets[joint])
     lower = (turned @ bone) / np.linalg.norm(bone)
     return np.asarray(np.arccos(np.clip(lower @ upper, -1.0, 1.0)))
-
-

@@ -102,8 +102,8 @@ def _goal_place(value: FloatArray) -> FloatArray:
 def _goal(name: str, value: FloatArray, world_from_root: FloatArray) -> tuple[FloatArray, FloatArray | None]:
     """Place and orientation in the root's axes."""
     if np.shape(value) not in ((3,), (4, 4)) or not np.isfinite(value).all():
-        raise MuybridgeError(f"{name}: a goal is a place (3,) or a transform (4, 4) of finite numbers, not of the shape "
-                             f"{np.shape(value)}")  # fmt: skip
+        raise MuybridgeError(f"{name}: a goal is a place (3,) or a transform (4, 4) of finite numbers, not "
+                             f"of the shape {np.shape(value)}")  # fmt: skip
     root = world_from_root[:3, :3]
     place = root.T @ (_goal_place(value) - world_from_root[:3, 3])
     return place, root.T @ value[:3, :3] if np.shape(value) == (4, 4) else None

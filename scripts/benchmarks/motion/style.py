@@ -243,7 +243,8 @@ def table(kinds: list[Kind], every: float) -> None:
     tree, last = tree_of_skeleton(SKELETON, BODY.rest)
     shipped = by_shipped_prior(load_prior(), tree, last)
     for name, style in styles.items():
-        print(f"{name}: {style.examples} examples, {len(style.hinge_joints)} angles, {len(style.prior.means)} Gaussians")
+        angles, gaussians = len(style.hinge_joints), len(style.prior.means)
+        print(f"{name}: {style.examples} examples, {angles} angles, {gaussians} Gaussians")
     for given, names in GOALS.items():
         for kind in kinds:
             copy, start = nearest(kind.seen)

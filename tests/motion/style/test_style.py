@@ -232,5 +232,3 @@ def test_components_are_bounded_by_the_examples():
     found = examples_of("a", take(LOW, 60), most=12)
     assert len(learn_style(found, options=StyleOptions(components=40)).prior.means) == 12
     assert len(learn_style(found).prior.means) == 1
-
-
