@@ -27,6 +27,7 @@ REMEDIES: dict[str, str] = {
     "graph_threshold": "pass threshold={metres} in GraphOptions, or add takes that are alike somewhere",
     "has_skin": "put takes onto it with `muybridge.motion.retargeting.retarget`",
     "image_size": "pass size, videos or lenses",
+    "learn_style": "learn one with muybridge.motion.style.learn_style and save_style",
     "leave_out_camera": "or leave the camera out",
     "lens_fisheye": 'if the lens is a fisheye lens, pass lens="fisheye"',
     "lens_pinhole": 'pass lens="pinhole", or keep the board away from the border of the image',
@@ -49,6 +50,8 @@ REMEDIES: dict[str, str] = {
     "other_name": "choose another name",
     "other_session": "choose another folder, or pass overwrite=True",
     "other_skeleton": "put it onto the same skeleton first with muybridge.motion.retargeting.retarget",
+    "other_style": "learn a style from takes of this skeleton, or put the motion onto that of the style with "
+    "muybridge.motion.retargeting.retarget",
     "overwrite": "choose another name, or pass overwrite=True",
     "plain_gltf": "export it again without compression",
     "points_off_shape": "add points well off the {shape}, or pass the camera with its lens in lenses",

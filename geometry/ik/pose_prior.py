@@ -95,13 +95,13 @@ def fit_prior(
     for _ in range(30):
         mass = share.sum(axis=0) + 1e-6
         means = share.T @ theta / mass[:, None]
-        off = theta[:, None] - means
-        covariance = np.einsum("tk,tkn,tkm->knm", share, off, off, optimize=True) / mass[:, None, None]
+        off = theta - means[:, None]
+        covariance = np.swapaxes(off, 1, 2) @ (off * share.T[..., None]) / mass[:, None, None]
         covariance += np.eye(n) * floor**2
         precisions = np.linalg.inv(covariance)
         scale = np.log(mass / mass.sum()) - 0.5 * np.linalg.slogdet(covariance)[1]
         prior = PosePrior(names, means, precisions, scale)
-        log = scale - 0.5 * np.einsum("tkn,knm,tkm->tk", off, precisions, off, optimize=True)
+        log = scale - 0.5 * np.sum((off @ precisions) * off, axis=2).T
         share = np.exp(log - logsumexp(log, axis=1, keepdims=True))
     assert prior is not None
     return prior

@@ -1,8 +1,8 @@
 """What muybridge may replace, decided before any work starts.
 
 A file belongs to muybridge if the manifest of its results folder has the digest of its content (`OutputFolder.owns`),
-or if its content bears muybridge's mark, as calibrations, clock files, boards, motion graphs and pages do. Any other
-file is replaced only with `overwrite`, input files never, and the root of a file system takes no results.
+or if its content bears muybridge's mark, as calibrations, clock files, boards, motion graphs, styles and pages do. Any
+other file is replaced only with `overwrite`, input files never, and the root of a file system takes no results.
 """
 
 import re
@@ -15,7 +15,8 @@ from muybridge.files import cannot_write, temporary_path
 _MOST_BYTES = 1 << 20
 _MARK = re.compile(
     rb'^muybridge_(calibration|sync)\s*=|<p class="kicker">muybridge calibration</p>|^%muybridge'
-    rb'|<meta name="generator" content="muybridge (?:view|match|graph)">|\APK\x03\x04[\s\S]{26}muybridge_graph\.npy',
+    rb'|<meta name="generator" content="muybridge (?:view|match|graph)">'
+    rb"|\APK\x03\x04[\s\S]{26}muybridge_(?:graph|style)\.npy",
     re.M,
 )
 

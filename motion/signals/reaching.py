@@ -1,7 +1,8 @@
 """Key poses from goals: a hand or a foot at a place at a time.
 
 An arm or a leg reaches by its two bones where it can, so that nothing else changes; farther away, the joints of the
-trunk help by inverse kinematics. How the change comes and goes is `warping`'s.
+trunk help by inverse kinematics. With a style the whole body does what those it was learned from would do, with its
+hips and feet where they are. How the change comes and goes is `warping`'s.
 """
 
 from collections.abc import Mapping
@@ -19,9 +20,12 @@ from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.editing.channels import check_editable
 from muybridge.motion.signals.warping import KeyPoses, key_frames, warp_to_keys
+from muybridge.motion.style.model import Style
+from muybridge.motion.style.posing import solve_pose
 
 ENDS = ("left_hand", "right_hand", "left_foot", "right_foot")
 _CHAINS = {"hand": ("upper_arm", "forearm", "hand"), "foot": ("thigh", "shin", "foot")}
+_LEGS = ("left_foot", "right_foot", "left_thigh", "right_thigh")
 _TRUNK = ("spine", "chest", "upper_chest", "clavicle")
 _STRAIGHT = 0.985  # share of a limb's length that the trunk brings a goal within
 _LEAN = np.radians(40)  # that a joint of the trunk may turn about an axis to reach
@@ -30,7 +34,7 @@ _NEAR_M = 1e-3  # by which a goal may be out of reach
 
 def reach(
     motion: Motion, end: str, time: float, place: FloatArray, blend: float = 0.5,
-    roles: Mapping[str, int] | None = None,
+    roles: Mapping[str, int] | None = None, style: Style | None = None,
 ) -> Motion:  # fmt: skip
     """The motion with a hand or a foot at a place at a time.
 
@@ -41,22 +45,27 @@ def reach(
         place: (3,) metres in the world.
         blend: seconds before and behind over which the change fades.
         roles: role -> joint; None finds them.
+        style: of the motion's skeleton, which what the goal leaves open is given to; None changes as little as it can.
 
     Raises:
-        MuybridgeError: an end that is none, joints that are not known, a time outside of the clip, or a place out of
-            reach.
+        MuybridgeError: an end that is none, joints that are not known, a time outside of the clip, a place out of
+            reach, or a style of another skeleton.
     """
-    key = reach_key(motion, end, time, place, roles)
+    key = reach_key(motion, end, time, place, roles, style)
     return warp_to_keys(motion, key, blend=blend)
 
 
 def reach_key(
-    motion: Motion, end: str, time: float, place: FloatArray, roles: Mapping[str, int] | None = None
-) -> KeyPoses:
-    """The key pose of `reach`, which keys the joints of the limb and, where they help, of the trunk."""
+    motion: Motion, end: str, time: float, place: FloatArray, roles: Mapping[str, int] | None = None,
+    style: Style | None = None,
+) -> KeyPoses:  # fmt: skip
+    """The key pose of `reach`, which keys the joints of the limb and, where they help, of the trunk; with a style, all
+    that the style knows."""
     check_editable(motion)
     if end not in ENDS:
         raise MuybridgeError(f"{end!r} cannot reach; choose one of {', '.join(ENDS)}")
+    if style is not None:
+        return _styled_key(motion, end, time, np.asarray(place, dtype=np.float64), style)
     joints, trunk = chain_of(motion, end, roles)
     frames = key_frames([time], motion)
     pose = motion.select(frames)
@@ -74,6 +83,33 @@ def reach_key(
     keyed[list(joints)] = True
     keyed[trunk] = leant is not pose
     return KeyPoses(frames, moved.quat_wxyz, keyed)
+
+
+def _styled_key(motion: Motion, end: str, time: float, place: FloatArray, style: Style) -> KeyPoses:
+    """The key pose in a style, with hips and feet where they are."""
+    frames = key_frames([time], motion)
+    pose = motion.select(frames)
+    style.check_skeleton(motion.skeleton)
+    if lost := [role for role in (end, *_LEGS) if role not in style.roles]:
+        raise MuybridgeError(f"the style knows no joint to be {', '.join(lost)}", remedy="learn_style")
+    world = pose.forward()[0]
+    goals: dict[str, FloatArray] = {}
+    for foot in ENDS[2:]:
+        joint = style.roles[foot]
+        # A foot that never turns against its shin in the takes cannot keep its orientation.
+        goals[foot] = world[joint] if (style.hinge_joints == joint).any() else world[joint, :3, 3]
+    goals[end] = place
+    solved = solve_pose(style, pose, goals)
+    worst = max(solved.errors, key=lambda name: solved.errors[name])
+    if (short := solved.errors[worst]) > _NEAR_M:
+        raise MuybridgeError(f"{end} cannot reach {place[0]:g}, {place[1]:g}, {place[2]:g} at {time:g} s with hips and "
+                             f"feet where they are: {worst} is {short:.2f} m off at best")  # fmt: skip
+    keyed = np.zeros(len(motion.skeleton), np.bool_)
+    keyed[style.hinge_joints] = True
+    for foot, thigh in zip(_LEGS[:2], _LEGS[2:], strict=True):
+        if foot != end:  # it stands, or swings on, as it did: all that could change is where its knee points
+            keyed[motion.skeleton.is_ancestor[style.roles[thigh]]] = False
+    return KeyPoses(frames, solved.motion.quat_wxyz, keyed)
 
 
 def chain_of(

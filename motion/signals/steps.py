@@ -17,6 +17,7 @@ from muybridge.motion.signals.bands import split_bands
 from muybridge.motion.signals.reaching import ENDS, reach_key
 from muybridge.motion.signals.time_warping import time_map, warp_time
 from muybridge.motion.signals.warping import Method, keys_of_motion, warp_to_keys
+from muybridge.motion.style.files import load_style
 from muybridge.motion.take import Take
 from muybridge.wording import counted
 
@@ -84,11 +85,15 @@ def _timewarp(take: Take, times: Sequence[tuple[float, float]]) -> tuple[Take, s
 
 
 def _reach(
-    take: Take, part: str, time: float, x: float, y: float, z: float, blend: float, feet: Feet
+    take: Take, part: str, time: float, x: float, y: float, z: float, blend: float, feet: Feet, style: str | None
 ) -> tuple[Take, str]:
     motion, place = _motion(take), np.array([x, y, z])
-    roles = body_roles(take)
-    key = reach_key(motion, part, time, place, roles)
+    learned = None if style is None else load_style(Path(style))
+    roles = body_roles(take) if learned is None else learned.roles
+    try:
+        key = reach_key(motion, part, time, place, roles, learned)
+    except MuybridgeError as error:
+        raise error if style is None or not error.remedy else error.about(style) from error
     before = motion.select(key.frames).joint_positions_world()[0, roles[part]]
     out, note = _with_feet(take, warp_to_keys(motion, key, blend=blend), feet)
     away = float(np.linalg.norm(place - before))
@@ -116,5 +121,6 @@ SIGNAL_STEPS = (
         Parameter("time", "time", "when", required=True),
         Parameter("x", "length", "metres in the world", required=True),
         Parameter("y", "length", "metres in the world", required=True),
-        Parameter("z", "length", "metres up", required=True), _BLEND, _FEET)),
+        Parameter("z", "length", "metres up", required=True), _BLEND, _FEET,
+        Parameter("style", "file", "of a style learned from takes, in which the rest of the body is posed (none)"))),
 )  # fmt: skip

@@ -105,6 +105,12 @@ def test_inverse_kinematics(recorded: Path) -> None:
         assert "success True" in line and _numbers(r"([\d.]+) mm off", line)[0] < 0.2
 
 
+def test_a_style_learned_from_a_take(recorded: Path, tmp_path: Path) -> None:
+    line = _run(12, tmp_path / "own.style", recorded / "motion.bvh", recorded / "motion.bvh")
+    examples, away = _numbers(r"(\d+) examples; the hand is ([\d.]+) mm off", line)
+    assert 8 <= examples <= 100 and away < 0.5
+
+
 def test_landmarks_of_an_image() -> None:
     lines = _run(9, str(demo_folder().joinpath("videos", "cam1.mp4"))).splitlines()
     assert lines[0].startswith("1 people") and len(lines) == 24

@@ -120,7 +120,7 @@ COMMANDS_WITH_OUT = {
     "character": ["FILE", "--rig-only"], "view": ["FILE"], "assist": ["FILE", "--from", "FILE"],
     "graph build": ["FILE"], "graph show": ["FILE"],
     "match build": ["FILE"], "match play": ["FILE"], "match walk": ["FILE"],
-    "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"],
+    "join": ["FILE", "FILE"], "blend": ["FILE", "FILE"], "style": ["FILE"],
 }  # fmt: skip
 
 
