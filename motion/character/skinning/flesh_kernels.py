@@ -1,0 +1,294 @@
+"""Loops of volume-keeping skinning over the hinges of a surface; see `flesh`."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from muybridge.arrays import FloatArray
+from muybridge.geometry.numerics._numba import compiled
+
+if TYPE_CHECKING:
+    from muybridge.arrays import Float32Array, IndexArray, IntArray
+    from muybridge.motion.character.skinning.flesh import Packed
+
+_SOFT = 0.05  # of the radius: how near to the plane of contact the surface begins to give way
+_PRESSED = 0.02  # of the radius: what contact has moved so far takes no more volume
+_BESIDE = 3.0  # radii, as in `flesh`
+_MOST = 0.3  # of the radius, that one correction moves a point
+_ROUNDS = 3
+_HELD = 0.01  # cost of a correction by one radius, where 1 is that of leaving the volume which it would make
+_BENT = 0.1  # radians, from which on a hinge takes part in full
+
+
+class AtRest(NamedTuple):
+    """A shape as its hinges see it.
+
+    Attributes:
+        first, second: (H, 3) unit directions from a hinge to its two sides.
+        beyond: (N,) metres that each of the hinges' points may be beyond the plane, zero or less.
+        soft: (N,) metres above that where it begins to give way.
+        volume: (H,) cubic metres inside, the borders closed by fans.
+        scale: (H,) cubic metres that a correction by one radius adds.
+    """
+
+    first: FloatArray
+    second: FloatArray
+    beyond: FloatArray
+    soft: FloatArray
+    volume: FloatArray
+    scale: FloatArray
+
+
+def keep(
+    posed: "Float32Array", first: "IndexArray", point_of: "IndexArray", triangles: "IntArray", rotations: FloatArray,
+    rest: AtRest, packed: "Packed",
+) -> None:  # fmt: skip
+    """Correct posed (T, V, 3) in place; rotations (T, J, 3, 3)."""
+    _keep(posed, first, point_of, triangles, rotations, *rest, *packed)
+
+
+def at_rest(
+    points, joints, radius, ring_of, ring, along, points_of, at, side, spread, touch, inside, triangles_of, triangles,
+    loops_of, borders_of, borders,
+):  # type: ignore[no-untyped-def] # fmt: skip
+    """What the hinges of `Packed` are for points (P, 3)."""
+    return AtRest(*_at_rest(points, radius, ring_of, ring, along, points_of, at, side, spread, triangles_of, triangles,
+                            loops_of, borders_of, borders))  # fmt: skip
+
+
+@compiled
+def _centre(points, ring, along, start, stop):  # type: ignore[no-untyped-def]
+    out = np.zeros(3)
+    for i in range(start, stop):
+        for c in range(3):
+            a = points[ring[i, 0], c]
+            out[c] += a + along[i] * (points[ring[i, 1], c] - a)
+    return out / (stop - start)
+
+
+@compiled
+def _unit(v):  # type: ignore[no-untyped-def]
+    return v / (np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-30)
+
+
+@compiled
+def _triple(a, b, c):  # type: ignore[no-untyped-def]
+    return (
+        (a[1] * b[2] - a[2] * b[1]) * c[0] + (a[2] * b[0] - a[0] * b[2]) * c[1] + (a[0] * b[1] - a[1] * b[0]) * c[2]
+    )  # fmt: skip
+
+
+@compiled
+def _volume(points, o, triangles, t0, t1, borders_of, borders, l0, l1):  # type: ignore[no-untyped-def]
+    """Inside the triangles and the fans over their borders, seen from o, which only spares digits."""
+    total = 0.0
+    for f in range(t0, t1):
+        total += _triple(points[triangles[f, 0]] - o, points[triangles[f, 1]] - o, points[triangles[f, 2]] - o)
+    for n in range(l0, l1):
+        middle = np.zeros(3)
+        for e in range(borders_of[n], borders_of[n + 1]):
+            middle += points[borders[e, 0]] - o
+        middle /= borders_of[n + 1] - borders_of[n]
+        for e in range(borders_of[n], borders_of[n + 1]):
+            total += _triple(points[borders[e, 1]] - o, points[borders[e, 0]] - o, middle)
+    return total / 6
+
+
+@compiled
+def _at_rest(points, radius, ring_of, ring, along, points_of, at, side, spread, triangles_of, triangles, loops_of,
+             borders_of, borders):  # type: ignore[no-untyped-def] # fmt: skip
+    count = len(radius)
+    first, second = np.zeros((count, 3)), np.zeros((count, 3))
+    volume, scale, share = np.zeros(count), np.zeros(count), np.zeros(len(points))
+    beyond, soft = np.zeros(len(at)), np.zeros(len(at))
+    for h in range(count):
+        c = _centre(points, ring, along, ring_of[h], ring_of[h + 1])
+        for i in range(points_of[h], points_of[h + 1]):
+            off = points[at[i]] - c
+            if off @ off < (_BESIDE * radius[h]) ** 2:
+                if side[i] < 0:
+                    first[h] += off
+                else:
+                    second[h] += off
+        first[h], second[h] = _unit(first[h]), _unit(second[h])
+        n = _unit(second[h] - first[h])
+        for i in range(points_of[h], points_of[h + 1]):
+            own = side[i] * ((points[at[i]] - c) @ n)
+            beyond[i] = min(own, 0.0)
+            soft[i] = min(max(own, 0.0), _SOFT * radius[h])
+        volume[h] = _volume(points, c, triangles, triangles_of[h], triangles_of[h + 1], borders_of, borders,
+                            loops_of[h], loops_of[h + 1])  # fmt: skip
+        for i in range(points_of[h], points_of[h + 1]):
+            share[at[i]] = spread[i]
+        for f in range(triangles_of[h], triangles_of[h + 1]):
+            i, j, k = triangles[f]
+            normal = np.cross(points[j] - points[i], points[k] - points[i])
+            scale[h] += np.sqrt(normal @ normal) / 6 * (share[i] + share[j] + share[k]) * radius[h]
+    return first, second, beyond, soft, volume, scale
+
+
+@compiled
+def _step(x):  # type: ignore[no-untyped-def]
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3 - 2 * x)
+
+
+@compiled
+def _bend(first, second, one, other):  # type: ignore[no-untyped-def]
+    """Of a turn of the second side against the first.
+
+    (3,) the normal of the plane between both sides; (3,) the inside of the bend, its length the sine between the axis
+    of the turn and that normal: nothing for a twist; and the part that a hinge takes, from 0 to 1, by the angle.
+    """
+    n = _unit(other @ second - one @ first)
+    turn = other @ one.T
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = np.sqrt(axis @ axis) / 2, (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1) / 2
+    axis = _unit(axis)
+    return n, np.array([axis[1] * n[2] - axis[2] * n[1], axis[2] * n[0] - axis[0] * n[2],
+                        axis[0] * n[1] - axis[1] * n[0]]), _step(np.arctan2(sine, cosine) / _BENT)  # fmt: skip
+
+
+@compiled
+def _touching(points, c, n, inner, start, stop, radius, at, side, touch, beyond, soft, free):  # type: ignore[no-untyped-def]
+    """Move points of a hinge that crossed its plane back; lower free (P,) of those that it moved."""
+    size = np.sqrt(inner @ inner)
+    for i in range(start, stop):
+        if touch[i] == 0:
+            continue
+        p = at[i]
+        off = points[p] - c
+        over = side[i] * (off @ n) - beyond[i]
+        if over >= soft[i]:
+            continue
+        # Continuous with its slope, and above the plane however far the point is beyond.
+        target = soft[i] * soft[i] / (2 * soft[i] - over) if soft[i] > 0 else 0.0
+        push = (target - over) * touch[i] * size * _step((off @ inner) / (0.5 * radius) + 0.5)
+        points[p] += side[i] * push * n
+        free[p] = min(free[p], max(1 - push / (_PRESSED * radius), 0.0))
+
+
+@compiled
+def _area_vectors(points, triangles, out):  # type: ignore[no-untyped-def]
+    out[:] = 0
+    for f in range(len(triangles)):
+        i, j, k = triangles[f]
+        u, v = points[j] - points[i], points[k] - points[i]
+        x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        for p in (i, j, k):
+            out[p, 0] += x / 6
+            out[p, 1] += y / 6
+            out[p, 2] += z / 6
+
+
+@compiled
+def _field(points, c, inner, missing, radius, start, stop, at, spread, free, field):  # type: ignore[no-untyped-def]
+    """Fill field (N,): how far a hinge moves its points for one metre of correction."""
+    size = np.sqrt(inner @ inner)
+    sign = 1.0 if missing > 0 else -1.0
+    for i in range(start, stop):
+        p = at[i]
+        field[i] = 0.0
+        if spread[i] > 0:
+            share = 1.0
+            if size > 1e-9:
+                # Volume is missing where the bend presses, and too much where it stretches.
+                place = sign * ((points[p] - c) @ inner) / size
+                share = 1 - size + size * _step(0.5 * place / radius + 0.5)
+            field[i] = spread[i] * free[p] * share
+
+
+@compiled
+def _amounts(areas, missing, scale, radius, part, at, points_of, inside, field, members_of, members, hinge_of):  # type: ignore[no-untyped-def]
+    """(H,) metres of each hinge's field that bring their volumes back.
+
+    Least squares: hinges that are near to each other move much the same surface, and the share of `_HELD` keeps them
+    from working against each other.
+    """
+    count = len(missing)
+    matrix, wanted = np.zeros((count, count)), np.zeros(count)
+    for h in range(count):
+        wanted[h] = part[h] * missing[h] / scale[h]
+        if part[h] == 0:
+            continue
+        for a in range(points_of[h], points_of[h + 1]):
+            if field[a] == 0:
+                continue
+            p = at[a]
+            for b in range(members_of[p], members_of[p + 1]):
+                k = members[b]
+                other = hinge_of[k]
+                if part[other] > 0 and inside[k]:
+                    matrix[other, h] += areas[p] * field[a] * part[h] * part[other] * radius[h] / scale[other]
+    normal = matrix.T @ matrix
+    for h in range(count):
+        normal[h, h] += _HELD
+    return np.linalg.solve(normal, matrix.T @ wanted) * part * radius
+
+
+@compiled
+def _members(points_of, at, count):  # type: ignore[no-untyped-def]
+    """Where each of count points is among those of the hinges, and the hinge of each of these."""
+    starts, hinge_of = np.zeros(count + 1, np.int64), np.zeros(len(at), np.int64)
+    for p in at:
+        starts[p + 1] += 1
+    for p in range(count):
+        starts[p + 1] += starts[p]
+    place, members = starts[:-1].copy(), np.zeros(len(at), np.int64)
+    for h in range(len(points_of) - 1):
+        for i in range(points_of[h], points_of[h + 1]):
+            hinge_of[i] = h
+            members[place[at[i]]] = i
+            place[at[i]] += 1
+    return starts, members, hinge_of
+
+
+@compiled
+def _keep(
+    posed, first_of, point_of, surface, rotations, first, second, beyond, soft, volume, scale, joints, radius, ring_of,
+    ring, along, points_of, at, side, spread, touch, inside, triangles_of, triangles, loops_of, borders_of, borders,
+):  # type: ignore[no-untyped-def] # fmt: skip
+    count, hinges = len(first_of), len(radius)
+    points, before, areas = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
+    free, sizes, field = np.empty(count), np.empty(count), np.zeros(len(at))
+    normals, inner, centres = np.empty((hinges, 3)), np.empty((hinges, 3)), np.empty((hinges, 3))
+    missing, part = np.zeros(hinges), np.zeros(hinges)
+    members_of, members, hinge_of = _members(points_of, at, count)
+    for t in range(len(posed)):
+        for p in range(count):
+            points[p] = posed[t, first_of[p]]
+        before[:] = points
+        free[:] = 1
+        for h in range(hinges):
+            normals[h], inner[h], part[h] = _bend(first[h], second[h], rotations[t, joints[h, 0]],
+                                                  rotations[t, joints[h, 1]])  # fmt: skip
+        for turn in range(_ROUNDS + 1):
+            for h in range(hinges):
+                if part[h] > 0:
+                    centres[h] = _centre(points, ring, along, ring_of[h], ring_of[h + 1])
+                    _touching(points, centres[h], normals[h], inner[h] * part[h], points_of[h], points_of[h + 1],
+                              radius[h], at, side, touch, beyond, soft, free)  # fmt: skip
+            if turn == _ROUNDS:
+                break
+            _area_vectors(points, surface, areas)
+            for p in range(count):
+                sizes[p] = np.sqrt(areas[p] @ areas[p])
+            for h in range(hinges):
+                if part[h] > 0:
+                    missing[h] = volume[h] - _volume(points, centres[h], triangles, triangles_of[h],
+                                                     triangles_of[h + 1], borders_of, borders, loops_of[h],
+                                                     loops_of[h + 1])  # fmt: skip
+                    _field(points, centres[h], inner[h], missing[h], radius[h], points_of[h], points_of[h + 1], at,
+                           spread, free, field)  # fmt: skip
+            amounts = _amounts(sizes, missing, scale, radius, part, at, points_of, inside, field, members_of, members,
+                               hinge_of)  # fmt: skip
+            for h in range(hinges):
+                if part[h] > 0:
+                    amount = min(max(amounts[h], -_MOST * radius[h]), _MOST * radius[h])
+                    for i in range(points_of[h], points_of[h + 1]):
+                        p = at[i]
+                        points[p] += areas[p] * (amount * field[i] / (sizes[p] + 1e-30))
+        for v in range(len(point_of)):
+            p = point_of[v]
+            for c in range(3):
+                posed[t, v, c] += np.float32(points[p, c] - before[p, c])
