@@ -16,7 +16,7 @@ _PRESSED = 0.02  # of the radius: what contact has moved so far takes no more vo
 _BESIDE = 3.0  # radii, as in `flesh`
 _MOST = 0.3  # of the radius, that one correction moves a point
 _ROUNDS = 3
-_HELD = 0.01  # cost of a correction by one radius, where 1 is that of leaving the volume which it would make
+_SWEEPS = 3
 _BENT = 0.1  # radians, from which on a hinge takes part in full
 
 
@@ -220,10 +220,11 @@ def _amounts(areas, missing, scale, radius, part, at, points_of, inside, field, 
                 other = hinge_of[k]
                 if part[other] > 0 and inside[k]:
                     matrix[other, h] += areas[p] * field[a] * part[h] * part[other] * radius[h] / scale[other]
-    normal = matrix.T @ matrix
-    for h in range(count):
-        normal[h, h] += _HELD
-    return np.linalg.solve(normal, matrix.T @ wanted) * part * radius
+    rows, columns = matrix.sum(axis=1) + 1e-12, matrix.sum(axis=0) + 1e-12
+    out = np.zeros(count)
+    for _ in range(_SWEEPS):
+        out += (matrix.T @ ((wanted - matrix @ out) / rows)) / columns
+    return out * part * radius
 
 
 @compiled
