@@ -33,6 +33,7 @@ _SPREAD = 2.0  # how far from the ring the moved volume is spread
 _TOUCHING, _APART = 4.0, 6.0  # parts of a limb that are nearer to the joint touch; those farther off are let through
 _BESIDE = 3.0  # the surface that tells which way a side of the joint lies
 _WIDE, _MOST_WIDE = 2.0, 0.02  # a limb has hardly any surface there farther from its axis
+_LEAST_AROUND = 0.5  # mean cosine of normals at a ring to its radii; where less, it encloses a patch, not a limb
 _LEAST_RING = 6  # edges across the ring
 _LEAST_SPREAD = 0.02  # of the field at the ring
 
@@ -168,6 +169,9 @@ def _hinge(
     centre = places.mean(axis=0)
     radius = float(np.linalg.norm(places - centre, axis=1).mean())
     if radius < 1e-9:
+        return None
+    outwards = np.sum(surface.normals[ring].mean(axis=1) * (places - centre), axis=1)
+    if outwards.mean() < _LEAST_AROUND * radius:
         return None
     away = dijkstra(paths, directed=False, indices=np.unique(ring), min_only=True, limit=12 * radius)
     spread = 1 / np.cosh(np.minimum(away / (_SPREAD * radius), 50.0))

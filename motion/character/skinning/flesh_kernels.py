@@ -72,10 +72,15 @@ def _unit(v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _triple(a, b, c):  # type: ignore[no-untyped-def]
-    return (
-        (a[1] * b[2] - a[2] * b[1]) * c[0] + (a[2] * b[0] - a[0] * b[2]) * c[1] + (a[0] * b[1] - a[1] * b[0]) * c[2]
-    )  # fmt: skip
+def _triple(points, i, j, k, o):  # type: ignore[no-untyped-def]
+    a, b, c = points[i, 0] - o[0], points[i, 1] - o[1], points[i, 2] - o[2]
+    d, e, f = points[j, 0] - o[0], points[j, 1] - o[1], points[j, 2] - o[2]
+    return _mixed(a, b, c, d, e, f, points[k, 0] - o[0], points[k, 1] - o[1], points[k, 2] - o[2])
+
+
+@compiled
+def _mixed(a, b, c, d, e, f, x, y, z):  # type: ignore[no-untyped-def]
+    return (b * f - c * e) * x + (c * d - a * f) * y + (a * e - b * d) * z
 
 
 @compiled
@@ -83,14 +88,19 @@ def _volume(points, o, triangles, t0, t1, borders_of, borders, l0, l1):  # type:
     """Inside the triangles and the fans over their borders, seen from o, which only spares digits."""
     total = 0.0
     for f in range(t0, t1):
-        total += _triple(points[triangles[f, 0]] - o, points[triangles[f, 1]] - o, points[triangles[f, 2]] - o)
+        total += _triple(points, triangles[f, 0], triangles[f, 1], triangles[f, 2], o)
     for n in range(l0, l1):
-        middle = np.zeros(3)
+        x, y, z = 0.0, 0.0, 0.0
+        size = borders_of[n + 1] - borders_of[n]
         for e in range(borders_of[n], borders_of[n + 1]):
-            middle += points[borders[e, 0]] - o
-        middle /= borders_of[n + 1] - borders_of[n]
+            p = borders[e, 0]
+            x += (points[p, 0] - o[0]) / size
+            y += (points[p, 1] - o[1]) / size
+            z += (points[p, 2] - o[2]) / size
         for e in range(borders_of[n], borders_of[n + 1]):
-            total += _triple(points[borders[e, 1]] - o, points[borders[e, 0]] - o, middle)
+            p, q = borders[e, 1], borders[e, 0]
+            total += _mixed(points[p, 0] - o[0], points[p, 1] - o[1], points[p, 2] - o[2],
+                            points[q, 0] - o[0], points[q, 1] - o[1], points[q, 2] - o[2], x, y, z)  # fmt: skip
     return total / 6
 
 
@@ -157,14 +167,16 @@ def _touching(points, c, n, inner, start, stop, radius, at, side, touch, beyond,
         if touch[i] == 0:
             continue
         p = at[i]
-        off = points[p] - c
-        over = side[i] * (off @ n) - beyond[i]
+        x, y, z = points[p, 0] - c[0], points[p, 1] - c[1], points[p, 2] - c[2]
+        over = side[i] * (x * n[0] + y * n[1] + z * n[2]) - beyond[i]
         if over >= soft[i]:
             continue
         # Continuous with its slope, and above the plane however far the point is beyond.
         target = soft[i] * soft[i] / (2 * soft[i] - over) if soft[i] > 0 else 0.0
-        push = (target - over) * touch[i] * size * _step((off @ inner) / (0.5 * radius) + 0.5)
-        points[p] += side[i] * push * n
+        inwards = x * inner[0] + y * inner[1] + z * inner[2]
+        push = (target - over) * touch[i] * size * _step(inwards / (0.5 * radius) + 0.5)
+        for a in range(3):
+            points[p, a] += side[i] * push * n[a]
         free[p] = min(free[p], max(1 - push / (_PRESSED * radius), 0.0))
 
 
@@ -172,13 +184,14 @@ def _touching(points, c, n, inner, start, stop, radius, at, side, touch, beyond,
 def _area_vectors(points, triangles, out):  # type: ignore[no-untyped-def]
     out[:] = 0
     for f in range(len(triangles)):
-        i, j, k = triangles[f]
-        u, v = points[j] - points[i], points[k] - points[i]
-        x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        i, j, k = triangles[f, 0], triangles[f, 1], triangles[f, 2]
+        a, b, c = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+        d, e, g = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+        x, y, z = (b * g - c * e) / 6, (c * d - a * g) / 6, (a * e - b * d) / 6
         for p in (i, j, k):
-            out[p, 0] += x / 6
-            out[p, 1] += y / 6
-            out[p, 2] += z / 6
+            out[p, 0] += x
+            out[p, 1] += y
+            out[p, 2] += z
 
 
 @compiled
@@ -193,7 +206,8 @@ def _field(points, c, inner, missing, radius, start, stop, at, spread, free, fie
             share = 1.0
             if size > 1e-9:
                 # Volume is missing where the bend presses, and too much where it stretches.
-                place = sign * ((points[p] - c) @ inner) / size
+                x, y, z = points[p, 0] - c[0], points[p, 1] - c[1], points[p, 2] - c[2]
+                place = sign * (x * inner[0] + y * inner[1] + z * inner[2]) / size
                 share = 1 - size + size * _step(0.5 * place / radius + 0.5)
             field[i] = spread[i] * free[p] * share
 
@@ -288,7 +302,9 @@ def _keep(
                     amount = min(max(amounts[h], -_MOST * radius[h]), _MOST * radius[h])
                     for i in range(points_of[h], points_of[h + 1]):
                         p = at[i]
-                        points[p] += areas[p] * (amount * field[i] / (sizes[p] + 1e-30))
+                        step = amount * field[i] / (sizes[p] + 1e-30)
+                        for a in range(3):
+                            points[p, a] += areas[p, a] * step
         for v in range(len(point_of)):
             p = point_of[v]
             for c in range(3):
