@@ -104,7 +104,13 @@ class Flesh:
     packed: Packed
 
     def apply(self, posed: Float32Array, shape: FloatArray, rotations: Float32Array) -> None:
-        """Correct vertices (T, V, 3) of a shape at rest (V, 3), skinned with joints turned by rotations (T, J, 3, 3)."""
+        """Correct vertices (T, V, 3) in place.
+
+        Args:
+            posed: skinned.
+            shape: (V, 3) that they had at rest.
+            rotations: (T, J, 3, 3) of the joints, from the rest.
+        """
         if not self.hinges:
             return
         points = shape[self.first].astype(np.float64)
@@ -155,9 +161,7 @@ def _hinges(surface: Surface, weights: sparse.csr_matrix) -> Iterator[Hinge]:
             yield hinge
 
 
-def _hinge(
-    surface: Surface, joints: tuple[int, int], share: FloatArray, paths: sparse.csr_matrix
-) -> Hinge | None:  # fmt: skip
+def _hinge(surface: Surface, joints: tuple[int, int], share: FloatArray, paths: sparse.csr_matrix) -> Hinge | None:
     """The joint between two sides; share (P,) of the second side in the weights. None where no ring goes around it."""
     points, edges, triangles = surface.points, surface.edges, surface.triangles
     ring = edges[(share[edges[:, 0]] < 0.5) != (share[edges[:, 1]] < 0.5)]
