@@ -33,6 +33,7 @@ _SPREAD = 2.0  # how far from the ring the moved volume is spread
 _TOUCHING, _APART = 4.0, 6.0  # parts of a limb that are nearer to the joint touch; those farther off are let through
 _BESIDE = 3.0  # the surface that tells which way a side of the joint lies
 _WIDE, _MOST_WIDE = 2.0, 0.02  # a limb has hardly any surface there farther from its axis
+_ACROSS = -0.5  # most cosine between the ways to the two sides of a limb
 _LEAST_AROUND = 0.5  # mean cosine of normals at a ring to its radii; where less, it encloses a patch, not a limb
 _LEAST_RING = 6  # edges across the ring
 _LEAST_SPREAD = 0.02  # of the field at the ring
@@ -114,7 +115,7 @@ class Flesh:
         if not self.hinges:
             return
         points = shape[self.first].astype(np.float64)
-        rest = at_rest(points, *self.packed)
+        rest = at_rest(points, self.packed)
         keep(posed, self.first, self.surface.point_of, self.surface.triangles, rotations.astype(np.float64), rest,
              self.packed)  # fmt: skip
 
@@ -123,7 +124,7 @@ def prepare_flesh(skin: Skin) -> Flesh:
     """What volume keeping needs of a skin."""
     surface, first = skin_surface(skin)
     shape = skin.stretched(skin.positions)[first]
-    surface = Surface(shape, surface.triangles, surface.point_of)
+    surface = Surface(shape, surface.triangles, surface.point_of).outward()
     hinges = tuple(_hinges(surface, _weights(skin, first)))
     return Flesh(surface, first, hinges, _packed(hinges))
 
@@ -194,12 +195,13 @@ def _hinge(surface: Surface, joints: tuple[int, int], share: FloatArray, paths: 
 
 
 def _is_limb(off: FloatArray, side: FloatArray, radius: float) -> bool:
-    """Whether both sides of a joint are as slim as the joint; off (N, 3) from it.
+    """Whether both sides of a joint are as slim as the joint and lie across it; off (N, 3) from it.
 
-    A trunk is not: the plane between it and an arm meets flesh that the arm never touches.
+    A trunk is not slim: the plane between it and an arm meets flesh that the arm never touches. The halves of a palm do
+    not lie across the joints between them.
     """
     near = np.linalg.norm(off, axis=1) < _BESIDE * radius
-    wide = 0
+    wide, axes = 0, []
     for which in (-1.0, 1.0):
         own = off[near & (side == which)]
         if not len(own):
@@ -207,7 +209,8 @@ def _is_limb(off: FloatArray, side: FloatArray, radius: float) -> bool:
         axis = own.mean(axis=0)
         axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
         wide += int((np.linalg.norm(np.cross(own, axis), axis=1) > _WIDE * radius).sum())
-    return wide <= _MOST_WIDE * near.sum()
+        axes.append(axis)
+    return bool(axes[0] @ axes[1] < _ACROSS and wide <= _MOST_WIDE * near.sum())
 
 
 def _loops(triangles: IntArray, count: int) -> list[IntArray]:

@@ -47,13 +47,11 @@ def keep(
     _keep(posed, first, point_of, triangles, rotations, *rest, *packed)
 
 
-def at_rest(
-    points, joints, radius, ring_of, ring, along, points_of, at, side, spread, touch, inside, triangles_of, triangles,
-    loops_of, borders_of, borders,
-):  # type: ignore[no-untyped-def] # fmt: skip
-    """What the hinges of `Packed` are for points (P, 3)."""
-    return AtRest(*_at_rest(points, radius, ring_of, ring, along, points_of, at, side, spread, triangles_of, triangles,
-                            loops_of, borders_of, borders))  # fmt: skip
+def at_rest(points: FloatArray, packed: "Packed") -> AtRest:
+    """What the hinges are for points (P, 3)."""
+    p = packed
+    return AtRest(*_at_rest(points, p.radius, p.ring_of, p.ring, p.along, p.points_of, p.points, p.side, p.spread,
+                            p.triangles_of, p.triangles, p.loops_of, p.borders_of, p.borders))  # fmt: skip
 
 
 @compiled
@@ -105,8 +103,10 @@ def _volume(points, o, triangles, t0, t1, borders_of, borders, l0, l1):  # type:
 
 
 @compiled
-def _at_rest(points, radius, ring_of, ring, along, points_of, at, side, spread, triangles_of, triangles, loops_of,
-             borders_of, borders):  # type: ignore[no-untyped-def] # fmt: skip
+def _at_rest(  # type: ignore[no-untyped-def]
+    points, radius, ring_of, ring, along, points_of, at, side, spread, triangles_of, triangles, loops_of, borders_of,
+    borders,
+):  # fmt: skip
     count = len(radius)
     first, second = np.zeros((count, 3)), np.zeros((count, 3))
     volume, scale, share = np.zeros(count), np.zeros(count), np.zeros(len(points))
@@ -259,10 +259,10 @@ def _members(points_of, at, count):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _keep(
+def _keep(  # type: ignore[no-untyped-def]
     posed, first_of, point_of, surface, rotations, first, second, beyond, soft, volume, scale, joints, radius, ring_of,
     ring, along, points_of, at, side, spread, touch, inside, triangles_of, triangles, loops_of, borders_of, borders,
-):  # type: ignore[no-untyped-def] # fmt: skip
+):  # fmt: skip
     count, hinges = len(first_of), len(radius)
     points, before, areas = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
     free, sizes, field = np.empty(count), np.empty(count), np.zeros(len(at))
