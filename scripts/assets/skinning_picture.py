@@ -32,7 +32,7 @@ def main() -> None:
 
     body = generated_body()
     bends = bends_of(body)
-    figure, axes = plt.subplots(len(ROWS), len(METHODS), figsize=(11, 5.2), facecolor="white")
+    figure, axes = plt.subplots(len(ROWS), len(METHODS), figsize=(13, 5.2), facecolor="white")
     for row, (name, angle) in enumerate(ROWS):
         bend = bends[name]
         frame = bent_frames(body, replace(bend, angles_deg=(angle,)))
@@ -43,7 +43,7 @@ def main() -> None:
         label = f"{name}, {angle:.0f}°"
         axes[row, 0].text(-0.04, 0.5, label, transform=axes[row, 0].transAxes, rotation=90, ha="right", va="center")
     for column, method in enumerate(METHODS):
-        figure.text(0.03 + 0.193 * (column + 0.5), 0.95, method, fontsize=11, ha="center")
+        figure.text(0.03 + 0.965 / len(METHODS) * (column + 0.5), 0.95, method, fontsize=11, ha="center")
     figure.subplots_adjust(0.03, 0.01, 0.995, 0.95, 0.02, 0.0)
     data = io.BytesIO()
     figure.savefig(data, dpi=100)

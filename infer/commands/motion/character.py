@@ -56,7 +56,7 @@ def character(
     clip_name: str | None = None,
     fps: float | None = None,
     plant: bool = True,
-    skinning: Literal["linear", "spherical", "dual-quaternion", "rotation-centres", "delta-mush"] = "linear",
+    skinning: Literal["linear", "spherical", "dual-quaternion", "rotation-centres", "delta-mush", "volume"] = "linear",
     overwrite: bool = False,
 ) -> int:
     """Put a skeleton into a mesh that has none, skin it, and move it by takes.

@@ -58,19 +58,23 @@ class Mush:
                self.held, self.steps, details)  # fmt: skip
 
 
+def skin_surface(skin: Skin) -> tuple[Surface, IndexArray]:
+    """The surface of a skin, and (P,) a vertex of each of its points; vertices of other weights stay apart."""
+    # A random number for each joint tells vertices of different weights apart.
+    marks = np.random.default_rng(0).random(len(skin.bind))
+    surface = join_vertices(skin.positions, skin.triangles, np.sum(marks[skin.joints] * skin.weights, axis=1))
+    first = np.zeros(len(surface.points), np.intp)
+    first[surface.point_of[::-1]] = np.arange(len(surface.point_of))[::-1]
+    return surface, first
+
+
 def prepare_mush(skin: Skin) -> Mush:
     """What delta mush needs of a skin."""
-    count = len(skin.bind)
-    # A random number for each joint tells vertices of different weights apart.
-    marks = np.random.default_rng(0).random(count)
-    marked = np.sum(marks[skin.joints] * skin.weights, axis=1)
-    surface = join_vertices(skin.positions, skin.triangles, marked)
+    surface, first = skin_surface(skin)
     points = len(surface.points)
     a, b = surface.edges.T
     links = sparse.csr_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(points, points))
     held = surface.border | (np.diff(links.indptr) == 0)
-    first = np.zeros(points, np.intp)
-    first[surface.point_of[::-1]] = np.arange(len(surface.point_of))[::-1]
     edge = float(np.median(np.linalg.norm(surface.points[a] - surface.points[b], axis=1))) if len(a) else 1.0
     # A step halfway to the neighbours is diffusion by half of an edge squared over two.
     steps = int(np.clip(round(2 * (_REACH * surface.size / max(edge, 1e-9)) ** 2), _LEAST_STEPS, _MOST_STEPS))

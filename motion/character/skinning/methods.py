@@ -7,6 +7,7 @@ import numpy as np
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.motion.character.skinning.delta_mush import prepare_mush
+from muybridge.motion.character.skinning.flesh import prepare_flesh
 from muybridge.motion.character.skinning.kernels import centred_blend, dual_quaternion_blend, linear_blend
 from muybridge.motion.character.skinning.rotation_centres import rotation_centres
 from muybridge.motion.character.skinning.skin import Rigid, Skin
@@ -75,6 +76,16 @@ def _delta_mush(skin: Skin) -> Poser:
     return pose
 
 
+def _volume(skin: Skin, centres: FloatArray) -> Poser:
+    turned, flesh = _about(skin, centres), prepare_flesh(skin)
+
+    def pose(shape: FloatArray, frames: FloatArray, out: Float32Array) -> None:
+        turned(shape, frames, out)
+        flesh.apply(out, skin.stretched(shape), skin.rigid(frames).maps[..., :3])
+
+    return pose
+
+
 def _each(prepare: Callable[[Skin], Poser]) -> Callable[[Sequence[Skin]], list[Poser]]:
     return lambda skins: [prepare(skin) for skin in skins]
 
@@ -85,6 +96,7 @@ METHODS: dict[str, Callable[[Sequence[Skin]], list[Poser]]] = {
     "dual-quaternion": _each(_dual_quaternion),
     "rotation-centres": lambda skins: [_about(s, c) for s, c in zip(skins, rotation_centres(skins), strict=True)],
     "delta-mush": _each(_delta_mush),
+    "volume": lambda skins: [_volume(s, c) for s, c in zip(skins, rotation_centres(skins), strict=True)],
 }
 
 

@@ -32,6 +32,29 @@ def hinged_tube(width: float = 0.4) -> Skin:
     return Skin(points, triangles, np.tile([0, 1], (len(points), 1)), np.stack([1 - share, share], axis=1), bind)
 
 
+def chained_tube(bones: int) -> Skin:
+    """A tube of so many bones of the same length, whose weights change over half of a bone around each joint."""
+    points, triangles = tube()
+    place = points[:, 0] / 2.0 * bones
+    beyond = np.clip(0.5 + (place[:, None] - np.arange(1, bones)) / 0.5, 0, 1)
+    share = np.c_[np.ones(len(points)), beyond] - np.c_[beyond, np.zeros(len(points))]
+    bind = np.tile(np.eye(4), (bones, 1, 1))
+    bind[:, 0, 3] = -2.0 / bones * np.arange(bones)
+    return Skin(points, triangles, np.tile(np.arange(bones), (len(points), 1)), share, bind)
+
+
+def chain_frames(skin: Skin, rotvec: FloatArray) -> FloatArray:
+    """(1, J, 4, 4) world_from_joints of a chained tube, each joint turned by (J, 3) against the one before."""
+    rest = -skin.bind[:, :3, 3]
+    out = np.tile(np.eye(4), (1, len(rotvec), 1, 1))
+    turns = exp_so3(rotvec)
+    out[0, 0, :3, :3] = turns[0]
+    for j in range(1, len(rotvec)):
+        out[0, j, :3, :3] = out[0, j - 1, :3, :3] @ turns[j]
+        out[0, j, :3, 3] = out[0, j - 1, :3, 3] + out[0, j - 1, :3, :3] @ (rest[j] - rest[j - 1])
+    return out
+
+
 def hinge_frames(rotvec: FloatArray) -> FloatArray:
     """(T, 2, 4, 4) world_from_joints of that tube with its second bone turned by (T, 3) rotation vectors."""
     out = np.tile(np.eye(4), (len(rotvec), 2, 1, 1))
