@@ -7,7 +7,7 @@ from muybridge.errors import MuybridgeError
 from muybridge.infer.pipelines.characters.pages import fits_page
 from muybridge.infer.pipelines.characters.retarget import Target, output_paths, read_run_target, retarget_results
 from muybridge.infer.pipelines.characters.takes import person_clip_names
-from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
+from muybridge.infer.results.names import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.viewer import Scene, read_scene
 from muybridge.motion.formats.registry import ReadOptions, can_use

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, of_person
-from muybridge.infer.results.run import DEFAULT_OUT
+from muybridge.infer.results.names import DEFAULT_OUT, MOST_PEOPLE, MOTION_BVH, of_person
 from muybridge.infer.session.discover import is_results, session_of_results
 from muybridge.motion.formats.registry import can_use, motion_formats
 
