@@ -8,7 +8,6 @@ import pytest
 from muybridge.errors import MuybridgeError
 from muybridge.infer.commands.motion.character import character
 from muybridge.infer.commands.remedies import error_line
-from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.character.rigging.joints_file import read_joints, write_joints
@@ -232,15 +231,6 @@ def test_a_rigged_file_goes_to_retarget(tmp_path, hero, capsys):
     take = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0)))
     line = refused(capsys, spaced, motion=(take,), out=tmp_path / "b.glb")
     assert f"`muybridge retarget {take} --to '{spaced}'`" in line
-
-
-def test_influences_are_the_largest_and_sum_to_one():
-    rng = np.random.default_rng(0)
-    weights = rng.dirichlet(np.ones(9), 50)
-    joints, values = influences(weights, 4)
-    assert joints.shape == values.shape == (50, 4)
-    assert np.allclose(values.sum(axis=1), 1.0)
-    assert np.array_equal(joints, np.argsort(-weights, axis=1)[:, :4])
 
 
 def test_a_moved_motion_is_that_of_the_take(tmp_path, hero):
