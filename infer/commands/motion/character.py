@@ -4,6 +4,7 @@ import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,7 +25,7 @@ from muybridge.infer.pipelines.characters.rigging import (
     rig_static,
     write_bound,
 )
-from muybridge.infer.pipelines.characters.takes import Takes, clip_names, find_takes
+from muybridge.infer.pipelines.characters.takes import clip_names, find_takes
 from muybridge.infer.results.ownership import bears_mark, check_replaceable, refuse_root
 from muybridge.infer.runtime.each import try_each
 from muybridge.infer.runtime.progress import Progress
@@ -34,6 +35,7 @@ from muybridge.motion.character.meshes.write_usd import USD_SUFFIXES, texture_fo
 from muybridge.motion.character.rigging.joints_file import write_joints as write_joints_file
 from muybridge.motion.character.rigging.rig import RigOptions
 from muybridge.motion.character.skinning import BakeOptions
+from muybridge.motion.editing.resampling import check_resampled
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.retargeting.solver import RetargetOptions
 from muybridge.wording import counted
@@ -72,6 +74,7 @@ def character(
     height: float | None = None,
     turn: bool = True,
     clip_name: str | None = None,
+    take_map: Path | None = None,
     fps: float | None = None,
     plant: bool = True,
     skinning: Literal["linear", "spherical", "dual-quaternion", "rotation-centres", "delta-mush"] = "linear",
@@ -100,29 +103,31 @@ def character(
         height: metres that the body shall be tall (default: as the file has it).
         turn: stand a lying body up, and turn it to the front.
         clip_name: name of the clip (default: that of the take's file).
+        take_map: TOML file that says which joint of the takes is which part of the body.
         fps: frames per second of the clips (default: the take's).
         plant: plant feet, and put soles on the floor.
         skinning: method that bends the mesh; others than linear are baked into a .glb or .vrm as morph targets.
         overwrite: replace files that are there.
     """
     _check_options(motion, out, page, rig_only, joints, write_joints, height)
-    check_fps(fps)
+    _check_clips(motion, clip_name, take_map, fps)
     out = out or Path(f"{mesh.stem}_rigged.glb")
     refuse_root(out)
     check_character_output(out)
-    check_baked(out, skinning, len(motion) if not rig_only else 0)
-    found_takes = Takes(()) if rig_only or not motion else find_takes(motion)
+    check_baked(out, skinning, len(motion))
+    found_takes = find_takes(motion)
     takes = found_takes.files
     if takes and template == "quadruped":
         raise MuybridgeError(f"{takes[0]}: takes of people cannot be put onto a quadruped; give --rig-only")
     writes = [*([out] if takes or rig_only else []), *(path for path in (page, write_joints) if path is not None)]
     _check_outputs(writes, page, write_joints)
-    check_replaceable(writes, overwrite, [mesh, *takes, *([joints] if joints is not None else [])], make_folders=False)
+    inputs = [mesh, *takes, *(path for path in (joints, take_map) if path is not None)]
+    check_replaceable(writes, overwrite, inputs, make_folders=False)
     body = _read(mesh, motion)
     if out in writes:
         _check_textures(out, body, overwrite, (mesh, *takes))
     # Before the joints are looked for, which takes longer: a take that cannot be read is known at once.
-    tried = try_each(takes, read_take, print_error)
+    tried = try_each(takes, partial(read_take, role_map=take_map), print_error)
     if takes and not tried.done:
         tried.report_failures("takes")
         return tried.exit_code
@@ -148,6 +153,8 @@ def _check_options(
     """MuybridgeError for options that cannot be meant together."""
     if not motion and not rig_only and write_joints is None:
         raise MuybridgeError("no motion is named; give takes with --motion, or --rig-only for the rest pose")
+    if motion and rig_only:
+        raise MuybridgeError("--rig-only writes the rest pose, without the takes of --motion; leave out one of the two")
     for path in (out, page):
         if path is not None and not motion and not rig_only:
             raise MuybridgeError(f"{path} is written only with motion; give takes with --motion, or --rig-only")
@@ -156,6 +163,19 @@ def _check_options(
     if height is not None and joints is not None:
         raise MuybridgeError("--height has no effect with --joints, whose places are metres of the size that the file "
                              "was written for; give --height together with --write-joints")  # fmt: skip
+
+
+def _check_clips(motion: Sequence[Path], clip_name: str | None, take_map: Path | None, fps: float | None) -> None:
+    """MuybridgeError for options of clips that cannot be, or of which there are none."""
+    check_fps(fps)
+    check_resampled(fps)
+    if clip_name is not None and not clip_name.strip():
+        raise MuybridgeError("--clip-name is empty; leave it out for the name of the take's file")
+    named = {"clip-name": clip_name, "take-map": take_map, "fps": fps}
+    for option, value in named.items():
+        if value is not None and not motion:
+            raise MuybridgeError(f"{option} applies to takes, and there are none", remedy="option_unused",
+                                 option=option)  # fmt: skip
 
 
 def _check_outputs(writes: Sequence[Path], page: Path | None, write_joints: Path | None) -> None:
