@@ -63,6 +63,7 @@ REMEDIES: dict[str, str] = {
     "rig_quadruped": 'pass template="quadruped"',
     "rig_template": "pass another template, or the joints themselves as `joints`",
     "role_map": "pass a map of roles; `muybridge.geometry.roles.suggest_role_map` makes one to start from",
+    "run_session": "process the videos of the session first",
     "scale_robot": "scale the file",
     "session_results": "leave out `out` for the folder `muybridge` inside the session",
     "shift": "pass the time between them as shift",

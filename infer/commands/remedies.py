@@ -69,6 +69,7 @@ COMMAND_REMEDIES: dict[str, str] = {
     "rig_quadruped": "give --template quadruped",
     "rig_template": "give another --template, or the places of the joints with --joints",
     "role_map": "name its joints in a file with --map; `muybridge retarget --suggest` writes one to start from",
+    "run_session": "`muybridge run {path}` makes it",
     "scale_robot": "scale the file",
     "session_results": "leave out --out to get the folder `muybridge` inside the session",
     "shift": "give the time between them with --shift",

@@ -11,7 +11,7 @@ from muybridge.infer.detection.tracks import merge_tracks
 from muybridge.infer.networks.models import open_models
 from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.results.folder import open_output
-from muybridge.infer.results.run import DEFAULT_OUT
+from muybridge.infer.results.names import DEFAULT_OUT
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageStore
 from muybridge.infer.session.session import Session, with_notice

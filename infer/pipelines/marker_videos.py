@@ -36,7 +36,8 @@ from muybridge.infer.reconstruction.marker_videos import (
 )
 from muybridge.infer.report.data import ReportData
 from muybridge.infer.report.page import problems, write_report
-from muybridge.infer.results.people import (
+from muybridge.infer.results.names import (
+    DEFAULT_OUT,
     MOTION_BVH,
     MOTION_GLB,
     MOTION_MOT,
@@ -46,7 +47,7 @@ from muybridge.infer.results.people import (
 )
 from muybridge.infer.results.provenance import session_facts, versions
 from muybridge.infer.results.record import json_value
-from muybridge.infer.results.run import DEFAULT_OUT, Run
+from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, file_digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import Arrays, Facts, StageResult, Stages

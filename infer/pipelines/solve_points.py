@@ -28,7 +28,7 @@ from muybridge.infer.reconstruction.measurements import measurements_of
 from muybridge.infer.reconstruction.recognise import RecognisedPoints, check_size, recognise, tilt_deg
 from muybridge.infer.report.data import ReportData
 from muybridge.infer.report.page import problems, write_report
-from muybridge.infer.results.people import MOTION_BVH, MOTION_GLB, MOTION_MOT, REPORT
+from muybridge.infer.results.names import MOTION_BVH, MOTION_GLB, MOTION_MOT, REPORT
 from muybridge.infer.results.provenance import versions
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run

@@ -27,20 +27,13 @@ from muybridge.infer.reconstruction.gravity import estimate_gravity
 from muybridge.infer.reconstruction.landmarks import Solution, SolveOptions, solve
 from muybridge.infer.reconstruction.quality import Quality, assess, unsure_landmarks
 from muybridge.infer.results.folder import WORK
+from muybridge.infer.results.names import DEFAULT_OUT, MOST_PEOPLE, PERSONAL, REPORT, of_person
 from muybridge.infer.results.overlay import OverlayOptions
 from muybridge.infer.results.overlay_stage import is_overlay, overlay_name, write_overlays
-from muybridge.infer.results.people import (
-    MOST_PEOPLE,
-    PERSONAL,
-    REPORT,
-    of_person,
-    write_people,
-    write_reports,
-    written_people,
-)
+from muybridge.infer.results.people import write_people, write_reports, written_people
 from muybridge.infer.results.provenance import calibration_facts, session_facts, versions
 from muybridge.infer.results.record import json_value
-from muybridge.infer.results.run import DEFAULT_OUT, Run
+from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import digest
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore

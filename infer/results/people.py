@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from muybridge.arrays import FloatArray
@@ -15,25 +14,22 @@ from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
 from muybridge.infer.report.data import PersonPage, ReportData
 from muybridge.infer.report.page import problems, write_report
+from muybridge.infer.results.names import (
+    MARKERS_C3D,
+    MOST_PEOPLE,
+    MOTION_BVH,
+    MOTION_GLB,
+    POINTS_C3D,
+    POINTS_TRC,
+    REPORT,
+    of_person,
+)
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
 from muybridge.infer.viewer.data import Scene
 from muybridge.motion.contacts.events import contact_events
 from muybridge.motion.contacts.find import Contacts, find_contacts
 from muybridge.motion.formats.points.c3d import C3DTake
-
-POINTS_TRC, POINTS_C3D, MARKERS_C3D = "points.trc", "points.c3d", "markers.c3d"
-MOTION_BVH, MOTION_GLB, MOTION_MOT = "motion.bvh", "motion.glb", "motion.mot"
-REPORT = "report.html"
-PERSONAL = POINTS_TRC, POINTS_C3D, MOTION_BVH, MOTION_GLB, MARKERS_C3D, REPORT
-# Most people that get files; those of least interest get none.
-MOST_PEOPLE = 12
-
-
-def of_person(name: str, number: int) -> str:
-    """A result's name for a person: `points.trc` of the second is `points_2.trc`."""
-    path = Path(name)
-    return name if number == 1 else f"{path.stem}_{number}{path.suffix}"
 
 
 def written_people(solution: Solution) -> tuple[Solution, ...]:

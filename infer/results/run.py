@@ -22,7 +22,6 @@ from muybridge.motion.formats.skeletal.mot import write_mot
 
 _log = logging.getLogger(__name__)
 
-DEFAULT_OUT = "muybridge"
 # Results of earlier versions, which `run.json` has replaced.
 _FORMER = ("solve.json", "markers.json")
 _POINTS: Mapping[str, Callable[[Path, Any], object]] = {".trc": write_trc, ".c3d": write_c3d}

@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
 
-_JOINED = 1e-6  # of the mesh's diagonal: vertices nearer than that are one point
+_WELD = 1e-5  # of the mesh's diagonal: vertices nearer than that are one point
+_CELL_BITS = 18  # which hold a diagonal's cells
 _SAME_MARK = 1e-4  # marks that differ by less are one
 _LEAST_SINE = 1e-3  # angles of triangles are held at least so far from 0 and 180 degrees
 
@@ -128,6 +129,30 @@ class Surface:
         return (sparse.diags(np.asarray(weights.sum(axis=1)).ravel()) - weights).tocsc()
 
 
+def weld(positions: FloatArray, marks: FloatArray | None = None) -> tuple[IndexArray, IndexArray]:
+    """Coincident vertices as one point.
+
+    Args:
+        positions: (V, 3) metres.
+        marks: (V,) from 0 to 1; vertices of different marks stay apart wherever they are.
+
+    Returns:
+        (P,) a vertex of each point, and (V,) the point of each vertex.
+    """
+    if not len(positions):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    low = positions.min(axis=0)
+    step = max(_WELD * float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-12)
+    x, y, z = np.round((positions - low) / step).astype(np.int64).T
+    key = (x << 2 * _CELL_BITS) | (y << _CELL_BITS) | z
+    if marks is not None:
+        place = np.unique(key, return_inverse=True)[1].ravel()
+        mark = np.round(marks / _SAME_MARK).astype(np.int64)
+        key = place * (int(mark.max()) + 1) + mark
+    _, first, point_of = np.unique(key, return_index=True, return_inverse=True)
+    return first, point_of.ravel()
+
+
 def join_vertices(positions: FloatArray, triangles: IntArray, marks: FloatArray | None = None) -> Surface:
     """The surface of a mesh.
 
@@ -136,13 +161,9 @@ def join_vertices(positions: FloatArray, triangles: IntArray, marks: FloatArray 
         triangles: (F, 3) vertices.
         marks: (V,) from 0 to 1; vertices of different marks stay apart wherever they are.
     """
-    size = float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 1.0
-    keys = np.round(positions / max(_JOINED * size, 1e-12)).astype(np.int64)
-    if marks is not None:
-        keys = np.column_stack([keys, np.round(marks / _SAME_MARK).astype(np.int64)])
-    _, first, point_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    joined = point_of.ravel()[triangles].reshape(-1, 3)
-    return Surface(np.asarray(positions[first], np.float64), _proper(joined), point_of.ravel())
+    first, point_of = weld(positions, marks)
+    joined = point_of[triangles].reshape(-1, 3)
+    return Surface(np.asarray(positions[first], np.float64), _proper(joined), point_of)
 
 
 def connected_parts(triangles: IntArray, count: int) -> IndexArray:

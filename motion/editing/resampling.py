@@ -23,6 +23,12 @@ _MOST_FPS = 10_000.0
 _SAME_TIME = 1e-6  # frames
 
 
+def check_resampled(fps: float | None) -> None:
+    """MuybridgeError unless a clip can be resampled to that many frames per second; None is always possible."""
+    if fps is not None and not 0 < fps <= _MOST_FPS:
+        raise MuybridgeError(f"frames per second must be above 0 and at most {_MOST_FPS:,.0f}, not {fps:g}")
+
+
 def resample(thing: T, fps: float) -> T:
     """The same clip with another number of frames per second; frames at the same times stay exactly as they are.
 
@@ -34,8 +40,7 @@ def resample(thing: T, fps: float) -> T:
         MuybridgeError: the frame rate is not above zero and at most 10,000, or the clip is empty.
     """
     check_editable(thing)
-    if not 0 < fps <= _MOST_FPS:
-        raise MuybridgeError(f"frames per second must be above 0 and at most {_MOST_FPS:,.0f}, not {fps:g}")
+    check_resampled(fps)
     count = frame_count(thing)
     new = int(np.floor((count - 1) / thing.fps * fps + _SAME_TIME)) + 1
     at: FloatArray = np.arange(new, dtype=np.float64) * thing.fps / fps

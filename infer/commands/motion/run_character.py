@@ -1,20 +1,17 @@
 """The motion of a run put onto a character as well: its file goes into the results folder, and reports show it."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
+from muybridge.infer.pipelines.characters.pages import fits_page
 from muybridge.infer.pipelines.characters.retarget import Target, output_paths, read_run_target, retarget_results
 from muybridge.infer.pipelines.characters.takes import person_clip_names
-from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
+from muybridge.infer.results.names import MOST_PEOPLE, MOTION_BVH, PERSONAL, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.viewer import Scene, read_scene
 from muybridge.motion.formats.registry import ReadOptions, can_use
 from muybridge.motion.robots.read import is_robot
-
-# A report with a larger character opens slowly or not at all.
-MOST_BYTES = 30_000_000
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class CharacterOfRun:
         for k, (number, clip) in enumerate(zip(people, clips, strict=True)):
             path = paths[0] if len(paths) == 1 else paths[k]
             scene = read_scene(folder / path, ReadOptions(clip=clip if can_use(path, "clip") else None))
-            if len(json.dumps(scene.packed)) <= MOST_BYTES:
+            if fits_page(scene):
                 scenes[number] = scene
             else:
                 run.progress.notice(f"{path} is too large to be shown in the report; `muybridge view` shows it")

@@ -16,7 +16,7 @@ from muybridge.infer.report.calibration_figures import blamed
 from muybridge.infer.report.calibration_page import CalibrationPage, write_calibration_page
 from muybridge.infer.report.diagnosis_wording import diagnosis_text
 from muybridge.infer.results.folder import open_output
-from muybridge.infer.results.run import DEFAULT_OUT
+from muybridge.infer.results.names import DEFAULT_OUT
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.session import SessionOptions, open_session
 

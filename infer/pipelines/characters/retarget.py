@@ -15,7 +15,7 @@ from muybridge.geometry.roles import RoleMap, find_motion_roles, find_roles, loa
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.pipelines.characters.takes import find_takes, person_clip_names, person_of
 from muybridge.infer.results.folder import OutputFolder
-from muybridge.infer.results.people import MOTION_BVH, of_person
+from muybridge.infer.results.names import MOTION_BVH, of_person
 from muybridge.infer.runtime.reading import read_for_command, size_notices
 from muybridge.motion.character.character import Character
 from muybridge.motion.character.read import read_character

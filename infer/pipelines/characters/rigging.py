@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import RoleMap
 from muybridge.geometry.skeleton.profiles import PROFILES
@@ -22,7 +21,7 @@ from muybridge.motion.character.read import read_character
 from muybridge.motion.character.rigging.joints_file import KnownJoints, apply_joints, read_joints
 from muybridge.motion.character.rigging.rig import MeshRig, RigOptions, rig_mesh, rig_of_joints
 from muybridge.motion.character.rigging.templates import TEMPLATES
-from muybridge.motion.character.weights import skin_weights
+from muybridge.motion.character.weights import WeightOptions, packed_weights, skin_weights
 
 INFLUENCES = 4
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.25, 4.0  # metres between which a file without a unit is taken to be in metres
@@ -105,14 +104,6 @@ def _in_metres(mesh: StaticMesh) -> tuple[StaticMesh, tuple[str, ...]]:
         f"{mesh.path.name}: is {tall:.4g} units large, of no known unit, and was made 1.7 m",)  # fmt: skip
 
 
-def influences(weights: FloatArray, most: int = INFLUENCES) -> tuple[IntArray, FloatArray]:
-    """(V, K) joints and (V, K) weights, the largest of (V, J), each row's sum one."""
-    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
-    values = np.take_along_axis(weights, joints, axis=1)
-    values = values / np.maximum(values.sum(axis=1, keepdims=True), 1e-12)
-    return joints.astype(np.int64), values
-
-
 def bind_mesh(rigged: Rigged, humanoid: bool = False) -> BoundMesh:
     """A mesh weighted to its skeleton, by heat as the shipped network corrects it.
 
@@ -126,7 +117,10 @@ def bind_mesh(rigged: Rigged, humanoid: bool = False) -> BoundMesh:
     rig, mesh = rigged.rig, rigged.mesh
     parents = np.asarray(rig.parents, np.int64)
     network = SkinningNetwork(shipped_model("skinning"))
-    joints, weights = influences(skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents, network=network))
+    options = WeightOptions(influences=INFLUENCES)
+    joints, weights = packed_weights(
+        skin_weights(mesh.vertices, mesh.triangles, rig.joints, parents, options=options, network=network), INFLUENCES
+    )
     if len(rig.held):
         carried = rig.held >= 0
         joints[carried], weights[carried] = rig.held[carried, None], np.eye(joints.shape[1])[0]

@@ -1,13 +1,14 @@
 """Which files are takes: files of motion, folders of them, sessions and results folders; and the takes' names."""
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from muybridge.errors import MuybridgeError
-from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, of_person
-from muybridge.infer.results.run import DEFAULT_OUT
-from muybridge.infer.session.discover import is_results, session_of_results
+from muybridge.infer.results.names import DEFAULT_OUT, MOST_PEOPLE, MOTION_BVH, of_person
+from muybridge.infer.session.chapters import VIDEO_SUFFIXES
+from muybridge.infer.session.discover import VIDEO_FOLDERS, is_results, session_of_results
 from muybridge.motion.formats.registry import can_use, motion_formats
 
 _PERSON_OF = {of_person(MOTION_BVH, n): n for n in range(1, MOST_PEOPLE + 1)}
@@ -55,6 +56,9 @@ def find_takes(paths: Sequence[Path], but: Path | None = None) -> Takes:
             found, passed = _files_of_motion(path, but)
             notices += passed
         if not found:
+            if _has_videos(path):
+                raise MuybridgeError(f"{path}: holds videos, of which no motion was made yet", remedy="run_session",
+                                     path=shlex.quote(str(path)))  # fmt: skip
             raise MuybridgeError(f"{path}: holds no motion; valid are files of {', '.join(motion_formats())}")
         files.extend(found)
     return Takes(tuple(dict.fromkeys(files)), tuple(notices))
@@ -139,6 +143,12 @@ def _numbered(names: Sequence[str], used: set[str]) -> list[str]:
         used.add(name)
         out.append(name)
     return out
+
+
+def _has_videos(folder: Path) -> bool:
+    """Whether a folder, or one for the videos of a session within it, holds videos by their names."""
+    places = [place for place in (folder, *(folder / name for name in VIDEO_FOLDERS)) if place.is_dir()]
+    return any(file.suffix.lower() in VIDEO_SUFFIXES for place in places for file in place.iterdir())
 
 
 def _files_of_motion(folder: Path, but: Path | None) -> tuple[list[Path], list[str]]:

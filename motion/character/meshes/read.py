@@ -24,6 +24,7 @@ _READERS: dict[str, tuple[Callable[[Path], StaticMesh], str, str]] = {
 }
 MESH_SUFFIXES = tuple(_READERS)
 _LEAST_FACES = 50
+_ALONE, _NEAR = 300.0, 0.99  # of the box about that share of all vertices: what is farther off was moved by mistake
 _LARGEST = 1e30  # of a coordinate; glTF stores single precision, and volumes must not overflow
 
 
@@ -42,6 +43,8 @@ def read_mesh(path: Path) -> StaticMesh:
         raise FormatError(f"{path}: is no mesh that can be read; valid are {', '.join(MESH_SUFFIXES)}")
     if not path.is_file():
         raise FormatError(f"{path}: {'is a folder, not a mesh' if path.is_dir() else 'no such file'}")
+    if not path.stat().st_size:
+        raise FormatError(f"{path}: is empty", remedy="mesh_faces")
     reader, kind, remedy = _READERS[path.suffix.lower()]
     with parsing(path, FormatError, kind, remedy):
         mesh = reader(path)
@@ -70,3 +73,18 @@ def _check(mesh: StaticMesh) -> None:
                           remedy="mesh_faces")  # fmt: skip
     if mesh.extent.max() < 1 / _LARGEST:
         raise FormatError(f"{mesh.path}: all its faces are in one place", remedy="mesh_repair")
+    _check_alone(mesh)
+
+
+def _check_alone(mesh: StaticMesh) -> None:
+    """FormatError where a few vertices are so far from all others that these are one point beside them."""
+    points = mesh.vertices[np.unique(mesh.triangles)]
+    middle = np.median(points, axis=0)
+    usual = float(np.quantile(np.abs(points - middle).max(axis=1), _NEAR))
+    for surface in mesh.surfaces:
+        used = np.unique(surface.triangles)
+        away = np.abs(surface.positions[used] - middle).max(axis=1)
+        if usual > 0 and away.max(initial=0.0) > _ALONE * usual:
+            times = f"{away.max() / usual:.0f} times as far off as the others"
+            raise FormatError(f"{mesh.path}: vertex {used[np.argmax(away)]} of the mesh {surface.name!r} is {times}",
+                              remedy="mesh_repair")  # fmt: skip

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
-from muybridge.motion.character.surface import connected_parts
+from muybridge.motion.character.surface import connected_parts, weld
 
-_WELD = 1e-5  # of the extent: vertices that are nearer are one
 _CLOSED = 0.05  # volume of an island, as a share of its box, below which its orientation says nothing
 
 
@@ -42,18 +41,23 @@ def repair(vertices: FloatArray, triangles: IntArray) -> Repaired:
         vertices: (N, 3) metres.
         triangles: (F, 3).
     """
-    extent = float(np.ptp(vertices, axis=0).max())
-    cells = np.round((vertices - vertices.min(axis=0)) / max(_WELD * extent, 1e-12)).astype(np.int64)
-    key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    _, first, welded = np.unique(key, return_index=True, return_inverse=True)
-    faces = welded.reshape(-1)[triangles]
+    first, point_of = weld(vertices)
+    faces = point_of[triangles].astype(np.int64)
     a, b, c = faces.T
     flat = (a == b) | (b == c) | (a == c)
-    faces, points = faces[~flat], vertices[first]
+    faces, points = _once(faces[~flat]), vertices[first]
     island = _islands(faces, len(points))
     inwards, total = _facing_inwards(points, faces, island)
     faces[inwards[island]] = faces[inwards[island]][:, ::-1]
-    return Repaired(points, faces, island, welded.reshape(-1), bool(total < 0), int(flat.sum()))
+    return Repaired(points, faces, island, point_of.astype(np.int64), bool(total < 0), int(flat.sum()))
+
+
+def _once(faces: IntArray) -> IntArray:
+    """The faces without those on the corners of an earlier one, as two-sided meshes have them: they enclose nothing."""
+    a, b, c = np.sort(faces, axis=1).T
+    count = int(c.max(initial=0)) + 1
+    side = np.unique(a * count + b, return_inverse=True)[1].ravel()
+    return faces[np.sort(np.unique(side * count + c, return_index=True)[1])]
 
 
 def _islands(faces: IntArray, count: int) -> IntArray:

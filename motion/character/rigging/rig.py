@@ -12,6 +12,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.skeleton.skeleton import Skeleton
+from muybridge.motion.character.rigging.checks import check_body
 from muybridge.motion.character.rigging.landmarks import Landmarks, NoBody, find_landmarks
 from muybridge.motion.character.rigging.orientation import Orientation, find_orientation, refine_offset
 from muybridge.motion.character.rigging.placement.fingers import place_fingers
@@ -125,8 +126,13 @@ def rig_mesh(
     if spans[2] < _FLAT * spans[0]:
         raise MuybridgeError("is flat, which shows no body", remedy="mesh_repair")
     found, body, props = _stand(whole)
-    volume, shift = _fine_volume(body, found)
-    places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift), network)
+    try:
+        check_body(_in_body(body, found, 0.0), body.triangles, template.name == "quadruped")
+        volume, shift = _fine_volume(body, found)
+        places, fitted = _embed(volume, template, body.triangles, _in_body(body, found, shift), network)
+    except NoBody as error:
+        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}",
+                             remedy="rig_quadruped" if error.four_legs else "rig_template") from None  # fmt: skip
     places = {role: place if role[-1:].isdigit() else _inside(volume, place) for role, place in places.items()}
     new_from_old, steps = _new_world(found, options)
     matrix = new_from_old @ np.linalg.inv(found.body_from_world)
@@ -216,13 +222,9 @@ def _embed(
     volume: Volume, template: Template, triangles: IntArray, vertices: FloatArray, network: RigNetwork | None
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Role -> (3,) metres in the body's frame, and what was assumed."""
-    try:
-        if template.name == "quadruped":
-            return place_quadruped(volume), ()
-        marks = find_landmarks(volume)
-    except NoBody as error:
-        raise MuybridgeError(f"the mesh shows no body with {template.limbs}: {error}",
-                             remedy="rig_quadruped" if error.four_legs else "rig_template") from None  # fmt: skip
+    if template.name == "quadruped":
+        return place_quadruped(volume), ()
+    marks = find_landmarks(volume)
     person = is_person(marks)
     places = place_people(marks) if person else place_stylised(marks)
     if network is not None and person:  # it knows figures with other proportions no better than the shape does

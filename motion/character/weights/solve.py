@@ -82,6 +82,17 @@ def skin_weights(
     return _pruned(weights, options)[surface.point_of]
 
 
+def packed_weights(weights: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
+    """(V, K) joints, the heaviest first, and (V, K) their weights, as files have them.
+
+    Args:
+        weights: (V, J) with at most that many above zero in a row, as `skin_weights` makes them.
+        most: joints of a vertex, K if there are as many.
+    """
+    joints = np.argsort(-weights, axis=1, kind="stable")[:, :most]
+    return joints.astype(np.int64), np.take_along_axis(weights, joints, axis=1)
+
+
 def _check(vertices: FloatArray, triangles: IntArray, joints: FloatArray, parents: IntArray, method: str) -> None:
     if method not in WEIGHT_METHODS:
         raise ValueError(f"no weight method {method!r}; valid are {', '.join(WEIGHT_METHODS)}")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.roles import find_roles, suggest_role_map
 from muybridge.infer.commands.motion.character import character
 from muybridge.infer.commands.remedies import error_line
-from muybridge.infer.pipelines.characters.rigging import influences
 from muybridge.motion.character import pose_meshes, read_character
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.character.rigging.joints_file import read_joints, write_joints
@@ -234,18 +234,39 @@ def test_a_rigged_file_goes_to_retarget(tmp_path, hero, capsys):
     assert f"`muybridge retarget {take} --to '{spaced}'`" in line
 
 
-def test_influences_are_the_largest_and_sum_to_one():
-    rng = np.random.default_rng(0)
-    weights = rng.dirichlet(np.ones(9), 50)
-    joints, values = influences(weights, 4)
-    assert joints.shape == values.shape == (50, 4)
-    assert np.allclose(values.sum(axis=1), 1.0)
-    assert np.array_equal(joints, np.argsort(-weights, axis=1)[:, :4])
-
-
 def test_a_moved_motion_is_that_of_the_take(tmp_path, hero):
     take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "moved.glb"
     assert character(hero, motion=(take,), out=out, plant=False, fps=60.0, clip_name="stroll") == 0
     back = read_character(out, "stroll")
     assert back.motion.fps == pytest.approx(60.0)
     assert len(back.motion) == 2 * len(read_file(take).motion) - 1
+
+
+def test_takes_and_options_that_cannot_be_used_are_refused_before_any_work(tmp_path, hero, capsys, monkeypatch):
+    def late(*_, **__):
+        raise AssertionError("the joints were looked for first")
+
+    monkeypatch.setattr("muybridge.infer.commands.motion.character.rig_static", late)
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "a.glb"
+    session = tmp_path / "my session"
+    (session / "videos").mkdir(parents=True)
+    (session / "videos" / "cam01.mp4").touch()
+    line = refused(capsys, hero, motion=(session,), out=out)
+    assert line.startswith(str(session)) and f"`muybridge run '{session}'`" in line
+    assert "--clip-name is empty" in refused(capsys, hero, motion=(take,), out=out, clip_name=" ")
+    assert "at most 10,000" in refused(capsys, hero, motion=(take,), out=out, fps=1e9)
+    assert "leave out one of the two" in refused(capsys, hero, motion=(take,), rig_only=True, out=out)
+    for option, value in (("clip_name", "x"), ("fps", 30.0), ("take_map", take)):
+        line = refused(capsys, hero, rig_only=True, out=out, **{option: value})
+        assert f"leave out --{option.replace('_', '-')}" in line
+
+
+def test_the_joints_of_a_take_are_named_in_a_map(tmp_path, hero, capsys):
+    take, out = body_file(tmp_path / "walk.bvh", human(np.random.default_rng(0))), tmp_path / "a.glb"
+    skeleton = read_file(take).motion.skeleton
+    toml = tmp_path / "roles.toml"
+    toml.write_text('hips = "no such joint"')
+    assert refused(capsys, hero, motion=(take,), out=out, take_map=toml).startswith(f"{toml}: ")
+    toml.write_text(suggest_role_map(skeleton, find_roles(skeleton)))
+    assert character(hero, motion=(take,), out=out, take_map=toml) == 0
+    assert read_character(out).clips == ("walk",)

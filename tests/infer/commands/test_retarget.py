@@ -19,7 +19,7 @@ from muybridge.infer.pipelines.characters.retarget import (
     write_placed,
 )
 from muybridge.infer.pipelines.characters.takes import clip_names, find_takes
-from muybridge.infer.results.people import MOTION_BVH, of_person
+from muybridge.infer.results.names import MOTION_BVH, of_person
 from muybridge.motion.character import read_character
 from muybridge.motion.editing import scale as scale_motion
 from muybridge.motion.formats.registry import motion_formats, read_file, write_file

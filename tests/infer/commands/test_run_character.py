@@ -7,7 +7,7 @@ import pytest
 
 from muybridge.errors import MuybridgeError, OutputError
 from muybridge.infer.commands.motion.run_character import CharacterOfRun, read_run_character
-from muybridge.infer.results.people import MOST_PEOPLE, MOTION_BVH, of_person
+from muybridge.infer.results.names import MOST_PEOPLE, MOTION_BVH, of_person
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.progress import Progress
 from muybridge.motion.character import read_character

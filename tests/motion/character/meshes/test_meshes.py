@@ -21,6 +21,7 @@ from muybridge.motion.character.meshes import (
     read_mesh,
     write_skinned_glb,
 )
+from muybridge.motion.character.meshes.read import MESH_SUFFIXES
 from muybridge.motion.character.rigging import rig_mesh
 from muybridge.motion.formats.gltf.container import Buffer, pack_glb
 from tests.motion.character.rigging.figures import capsule, person
@@ -323,3 +324,20 @@ def test_an_image_that_is_missing_leaves_nothing_behind(tmp_path, body):
     assert mesh.look.textures == ({}, {"source": 0})
     assert mesh.look.materials[0]["pbrMetallicRoughness"] == {}
     assert mesh.look.materials[0]["normalTexture"] == {"index": 1}
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+def test_empty_files_are_called_so(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.touch()
+    with pytest.raises(FormatError, match=f"{path}: is empty"):
+        read_mesh(path)
+
+
+def test_a_vertex_that_was_moved_far_off_is_named(tmp_path):
+    vertices, triangles = person()[:2]
+    vertices[7] = [1e6, 0.0, 0.0]
+    lines = [*(f"v {x} {y} {z}" for x, y, z in vertices), *(f"f {a} {b} {c}" for a, b, c in triangles + 1)]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    with pytest.raises(FormatError, match="vertex 7 of the mesh 'a' is .* times as far off"):
+        read_mesh(tmp_path / "a.obj")

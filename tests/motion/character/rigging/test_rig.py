@@ -69,6 +69,14 @@ def test_holes_duplicates_and_flat_faces_do_no_harm():
     assert any("without area" in note for note in rig.notices)
 
 
+def test_a_mesh_of_two_sides_is_rigged_as_one_of_one_side():
+    vertices, triangles, joints = person()
+    both = rig_mesh(*together([(vertices, triangles), (vertices, triangles[:, ::-1])]))
+    one = rig_mesh(vertices, triangles)
+    assert max(np.linalg.norm(both.places[r] - one.places[r]) for r in one.places) < 1e-6 * HEIGHT
+    assert not both.inside_out
+
+
 def test_two_sides_of_a_symmetric_body_agree():
     vertices, triangles, _ = person(40.0)
     rig = rig_mesh(vertices, triangles)

@@ -5,6 +5,7 @@ import pytest
 
 from muybridge.motion.character import WEIGHT_METHODS, WeightOptions, read_character, skin_weights
 from muybridge.motion.character.surface import join_vertices
+from muybridge.motion.character.weights import packed_weights
 from muybridge.motion.character.weights.bones import bones_in
 from muybridge.motion.character.weights.rays import RayGrid
 from tests.motion.character.skinning.tubes import tube
@@ -89,6 +90,18 @@ def test_influences_are_as_few_as_asked(most: int) -> None:
     weights = skin_weights(points, triangles, joints, np.arange(-1, 8), options=WeightOptions(influences=most))
     assert np.count_nonzero(weights, axis=1).max() <= most
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
+
+
+def test_packed_weights_are_the_heaviest_joints_first():
+    weights = np.random.default_rng(0).dirichlet(np.ones(9), 50)
+    weights[np.arange(50)[:, None], np.argsort(weights, axis=1)[:, :5]] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    joints, values = packed_weights(weights, 4)
+    assert joints.shape == values.shape == (50, 4) and np.allclose(values.sum(axis=1), 1.0)
+    assert (np.diff(values, axis=1) <= 0).all()
+    back = np.zeros_like(weights)
+    np.put_along_axis(back, joints, values, axis=1)
+    assert np.array_equal(back, weights)
 
 
 def test_large_meshes_are_weighted_like_small_ones() -> None:
