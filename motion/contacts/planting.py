@@ -79,8 +79,6 @@ def plant_feet(
 ) -> Planted:
     """The motion with heels and balls of the feet still while they stand, and never through the floor.
 
-    Where no contact is found, the floor is not known either, and nothing is changed.
-
     Args:
         motion: Z up, of any skeleton with known thighs, shins and feet.
         contacts: None finds them; in a motion that was planted before, only what stands perfectly still.
@@ -101,8 +99,6 @@ def plant_feet(
     step = options.step * leg_length(motion.skeleton, legs) / USUAL_LEG_M
     if contacts is None:
         contacts = _but_blends(find_contacts(motion, roles=roles), motion, legs, step)
-        if not contacts.contact.any():
-            return Planted(motion, contacts, 0.0, 0.0, 0.0)
     if len(contacts) != len(motion):
         raise ValueError(f"contacts of {len(contacts)} frames do not belong to a motion of {len(motion)}")
     if not len(motion):

@@ -12,10 +12,9 @@ from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.contacts.blending import blend
 from muybridge.motion.contacts.feet import feet_of_motion
-from muybridge.motion.contacts.find import Contacts, find_contacts
+from muybridge.motion.contacts.find import Contacts
 from muybridge.motion.contacts.floor import Floor
 from muybridge.motion.contacts.planting import Planted, PlantOptions, plant_feet
-from tests.motion.editing.clips import walk
 
 FPS, FRAMES = 60.0, 240
 
@@ -134,12 +133,6 @@ def test_a_contact_stands_where_it_does_beside_the_frames_that_are_planted():
     contacts = Contacts.of_feet(standing()[1], FPS, Floor(), np.full((2, 2), 0.02))
     planted = feet_of_motion(plant_feet(moved, contacts, where=where).motion).places
     assert planted[:90] == pytest.approx(feet_of_motion(motion).places[:90], abs=1e-4)
-
-
-def test_feet_are_left_alone_where_no_contact_is_found():
-    motion = walk(200)
-    assert not find_contacts(motion).contact.any()
-    assert plant_feet(motion).motion is motion
 
 
 def test_a_foot_on_something_keeps_its_height():
