@@ -33,7 +33,7 @@ class FootPlan:
 
 def plan_foot(
     ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
-    fps: float, seconds: float, step: float = np.inf, where: BoolArray | None = None,
+    fps: float, seconds: float, step: float = np.inf, where: BoolArray | None = None, under: FloatArray | None = None,
 ) -> FootPlan:  # fmt: skip
     """Where a foot shall be.
 
@@ -50,25 +50,28 @@ def plan_foot(
         fps: frames per second.
         seconds: over which corrections fade.
         step: metres over the floor from which a contact keeps its own height: the foot stands on something.
-        where: (T,) frames whose contacts are planned; in others the foot stays as it is. None: all.
+        where: (T,) frames whose contacts are planned; in others the foot stays as it is. A contact stands where it does
+            in its frames beside these, if it has any. None: all contacts, by all of their frames.
+        under: (T,) metres that the foot may be in the floor while it does not stand. None: not at all.
     """
     flat = np.asarray(contact.all(1))
     standing = np.asarray(contact.any(1))
     left = _left_alone(standing, where)
-    wanted = _flat_orientations(turns, flat, leg, floor, clearance)
+    told = np.ones(len(standing), np.bool_) if where is None else ~where
+    wanted = _flat_orientations(turns, flat, told, leg, floor, clearance)
     wanted[left] = turns[left]
     change = blend(log_so3(wanted @ np.swapaxes(turns, -1, -2)), flat.astype(np.float64), fps, seconds)
     turned = exp_so3(change) @ turns
     for point, pivot in ((HEEL, BALL), (BALL, HEEL)):
         only = contact[:, pivot] & ~contact[:, point] & ~left
         turned = _lifted_about(turned, only, leg, point, floor, clearance, fps)
-    target = _targets(ankle, turned, leg, contact, floor, clearance, step)
+    target = _targets(ankle, turned, leg, contact, told, floor, clearance, step)
     target[left] = ankle[left]
     moved = blend(target - ankle, standing.astype(np.float64), fps, seconds)
     moved = np.where(standing[:, None], target - ankle, moved)
     place = ankle + moved
     free = ~standing if where is None else ~standing & _about(where, ~standing)
-    moved = moved + lift_out(place, turned, leg, ~free, floor, clearance, fps)
+    moved = moved + lift_out(place, turned, leg, ~free, floor, clearance, fps, under)
     return FootPlan(ankle + moved, turned, moved)
 
 
@@ -85,9 +88,16 @@ def _about(where: BoolArray, runs: BoolArray) -> BoolArray:
     return out
 
 
+def depth(place: FloatArray, turns: FloatArray, leg: Leg, floor: Floor, clearance: FloatArray) -> FloatArray:
+    """(T,) metres by which heel or ball, whichever is deeper, is in the floor; negative over it. As `lift_out`."""
+    points = (place + turns @ _offset(leg, p) for p in (HEEL, BALL))
+    return np.asarray(np.max([c - floor.heights(x) for c, x in zip(clearance, points, strict=True)], axis=0))
+
+
 def lift_out(
-    place: FloatArray, turns: FloatArray, leg: Leg, standing: BoolArray, floor: Floor, clearance: FloatArray, fps: float
-) -> FloatArray:
+    place: FloatArray, turns: FloatArray, leg: Leg, standing: BoolArray, floor: Floor, clearance: FloatArray,
+    fps: float, under: FloatArray | None = None,
+) -> FloatArray:  # fmt: skip
     """(T, 3) metres, smooth, by which an ankle is lifted where its foot would be in the floor and does not stand.
 
     Args:
@@ -98,8 +108,9 @@ def lift_out(
         floor: which the foot may not pass.
         clearance: (2,) metres of heel and ball over it.
         fps: frames per second.
+        under: (T,) metres that it may be in the floor. None: not at all.
     """
-    deep = np.max([clearance[p] - floor.heights(place + turns @ _offset(leg, p)) for p in (HEEL, BALL)], axis=0)
+    deep = depth(place, turns, leg, floor, clearance) - (0.0 if under is None else under)
     return np.asarray(_lift(deep, ~standing, fps)[:, None] * np.array(floor.normal))
 
 
@@ -116,12 +127,14 @@ def _lift(deep: FloatArray, where: BoolArray, fps: float) -> FloatArray:
     return np.where(where, least + inside * (smooth_bound(least, _LIFT_S * fps) - least), 0.0)
 
 
-def _flat_orientations(turns: FloatArray, flat: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray) -> FloatArray:
+def _flat_orientations(
+    turns: FloatArray, flat: BoolArray, told: BoolArray, leg: Leg, floor: Floor, clearance: FloatArray
+) -> FloatArray:
     """(T, 3, 3) one orientation for each span of a flat foot, heel and ball at their heights; as it is elsewhere."""
     out, line = turns.copy(), leg.ball - leg.heel
     normal = np.array(floor.normal)
     for a, b in contact_spans(flat):
-        u, _, vt = np.linalg.svd(turns[a:b].sum(0))
+        u, _, vt = np.linalg.svd(_those_told(turns, told, a, b).sum(0))
         mean = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
         now = mean @ line
         level = now - normal * (now @ normal)
@@ -153,13 +166,13 @@ def _lifted_about(
 
 
 def _targets(
-    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, floor: Floor, clearance: FloatArray,
-    step: float,
+    ankle: FloatArray, turns: FloatArray, leg: Leg, contact: BoolArray, told: BoolArray, floor: Floor,
+    clearance: FloatArray, step: float,
 ) -> FloatArray:  # fmt: skip
     """(T, 3) metres: ankles of a foot that stands with its points where each contact has them; as they are elsewhere.
 
-    A contact of the ball has the mean of its places; one of the heel follows from a ball that stands at the same time,
-    and has its own mean where none does.
+    A contact of the ball has the mean of its places, of those in `told` (T,) if it has any; one of the heel follows
+    from a ball that stands at the same time, and has its own mean where none does.
     """
     out = ankle.copy()
     heel, ball = (ankle + turns @ _offset(leg, p) for p in (HEEL, BALL))
@@ -168,7 +181,7 @@ def _targets(
     for start, stop in contact_spans(np.asarray(contact.any(1))):
         fixed: list[tuple[int, int, FloatArray]] = []  # contacts of the heel whose place is known
         for a, b in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, BALL])):
-            place = _place(ball[a:b], floor, float(clearance[BALL]), step)
+            place = _place(_those_told(ball, told, a, b), floor, float(clearance[BALL]), step)
             for c, d, at in fixed:
                 both = np.nonzero(flat[max(a, c) : min(b, d)])[0]
                 if len(both):
@@ -185,9 +198,14 @@ def _targets(
                 out[alone] = at - turns[alone] @ leg.heel
         for c, d in ((a + start, b + start) for a, b in contact_spans(contact[start:stop, HEEL])):
             if not flat[c:d].any():
-                place = _place(heel[c:d], floor, float(clearance[HEEL]), step)
+                place = _place(_those_told(heel, told, c, d), floor, float(clearance[HEEL]), step)
                 out[c:d] = place - turns[c:d] @ leg.heel
     return out
+
+
+def _those_told(values: FloatArray, told: BoolArray, a: int, b: int) -> FloatArray:
+    """The values of a span that are in `told`; all of them where none is."""
+    return values[a:b][told[a:b]] if told[a:b].any() else values[a:b]
 
 
 def _place(points: FloatArray, floor: Floor, clearance: float, step: float) -> FloatArray:

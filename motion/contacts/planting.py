@@ -75,6 +75,7 @@ def plant_feet(
     roles: Mapping[str, int] | None = None,
     legs: tuple[Leg, Leg] | None = None,
     where: BoolArray | None = None,
+    under: FloatArray | None = None,
 ) -> Planted:
     """The motion with heels and balls of the feet still while they stand, and never through the floor.
 
@@ -84,7 +85,10 @@ def plant_feet(
         options: how they are planted.
         roles: role -> joint; None finds them.
         legs: with heels and balls that are known better than from the skeleton; None finds them.
-        where: (T,) frames: contacts with none of these stay as they are. None: all are planted.
+        where: (T,) frames: contacts with none of these stay as they are, and the others stand where they do beside
+            these. None: all are planted.
+        under: (T, 2) metres that the left and the right foot may be in the floor while they do not stand. None: they
+            are lifted out of it.
 
     Raises:
         ValueError: legs are not known, or the contacts are of another number of frames.
@@ -104,7 +108,8 @@ def plant_feet(
     world = motion.forward()
     plans = [
         plan_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, contacts.contact[:, k], contacts.floor,
-                  contacts.clearance[k], motion.fps, options.blend, step, where)
+                  contacts.clearance[k], motion.fps, options.blend, step, where,
+                  None if under is None else under[:, k])
         for k, leg in enumerate(legs)
     ]  # fmt: skip
     out, shift, unreached = carry_out(motion, world, legs, plans, options)

@@ -29,6 +29,7 @@ from muybridge.motion.matching import (
     steer,
 )
 from muybridge.motion.matching import Path as GoalPath
+from muybridge.wording import counted
 
 _IGNORED = re.compile(r"(?P<clip>.+):(?P<start>[\d.]+)-(?P<end>[\d.]+)")
 # Times the seconds that a path takes at its speed, after which a figure that has not arrived gives up.
@@ -132,7 +133,7 @@ def read_ground_path(path: Path) -> FloatArray:
             raise FormatError(f"{path}: line {k} has no two finite numbers, x and y in metres")
         points.append([float(v) for v in values])
     if len(points) < 2:
-        raise FormatError(f"{path}: has {len(points)} points; a path needs at least two")
+        raise FormatError(f"{path}: has {counted(len(points), 'point')}; a path needs at least two")
     return np.array(points)
 
 

@@ -54,9 +54,19 @@ precision highp float; in vec4 vColour; out vec4 colour;
 void main() { if (length(gl_PointCoord - 0.5) > 0.5) discard; colour = vColour; }`];
 const CORNERS = [[-1, 0], [1, 0], [1, 1], [-1, 0], [1, 1], [-1, 1]];
 
+// Whether pictures are drawn without a graphics card: smooth edges then cost as much as all the rest.
+function drawnInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return false;
+  const named = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
 class Painter {
-  constructor(canvas, changed) {
-    const gl = this.gl = canvas.getContext("webgl2", { antialias: true, alpha: false });
+  constructor(canvas, changed, smooth = true) {
+    const gl = this.gl = canvas.getContext("webgl2", { antialias: smooth, alpha: false });
     if (!gl) throw new Error("This browser has no WebGL 2, which the view needs.");
     this.changed = changed;
     this.skin = this.program(SKIN); this.lines = this.program(LINES); this.points = this.program(POINTS);
@@ -160,28 +170,42 @@ class Painter {
     }
     gl.bindVertexArray(null);
   }
-  upload(program, numbers, layout) {
+  // Room for so many numbers, kept from picture to picture.
+  room(count) {
+    if (!this.numbers || this.numbers.length < count) this.numbers = new Float32Array(2 * count);
+    return this.numbers;
+  }
+  upload(program, count, layout) {
     const gl = this.gl, stride = 4 * layout.reduce((a, b) => a + b, 0);
     gl.useProgram(program.made); gl.uniformMatrix4fv(program.at.uView, false, this.view);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(numbers), gl.STREAM_DRAW);
+    gl.bufferData(gl.ARRAY_BUFFER, this.numbers.subarray(0, count), gl.STREAM_DRAW);
     let offset = 0;
     layout.forEach((size, i) => { this.attribute(i, size, gl.FLOAT, stride, offset); offset += 4 * size; });
-    return 4 * numbers.length / stride;
+    return 4 * count / stride;
   }
   drawLines(lines, width) {
     if (!lines.length) return;
-    const numbers = [], gl = this.gl;
-    for (const [a, b, colour] of lines) for (const corner of CORNERS) numbers.push(...a, ...b, ...corner, ...colour);
-    const count = this.upload(this.lines, numbers, [3, 3, 2, 4]);
+    const numbers = this.room(72 * lines.length), gl = this.gl;
+    let k = 0;
+    for (const [a, b, colour] of lines) for (const corner of CORNERS) {
+      numbers[k++] = a[0]; numbers[k++] = a[1]; numbers[k++] = a[2]; numbers[k++] = b[0]; numbers[k++] = b[1]; numbers[k++] = b[2];
+      numbers[k++] = corner[0]; numbers[k++] = corner[1];
+      numbers[k++] = colour[0]; numbers[k++] = colour[1]; numbers[k++] = colour[2]; numbers[k++] = colour[3];
+    }
+    const count = this.upload(this.lines, k, [3, 3, 2, 4]);
     gl.uniform2f(this.lines.at.uSize, this.size[0] / 2, this.size[1] / 2); gl.uniform1f(this.lines.at.uWidth, width / 2); gl.uniform1f(this.lines.at.uNear, this.near);
     gl.drawArrays(gl.TRIANGLES, 0, count); gl.disableVertexAttribArray(3);
   }
   drawPoints(points, scale) {
     if (!points.length) return;
-    const numbers = [];
-    for (const [p, colour, size] of points) numbers.push(...p, ...colour, size);
-    const count = this.upload(this.points, numbers, [3, 4, 1]);
+    const numbers = this.room(8 * points.length);
+    let k = 0;
+    for (const [p, colour, size] of points) {
+      numbers[k++] = p[0]; numbers[k++] = p[1]; numbers[k++] = p[2];
+      numbers[k++] = colour[0]; numbers[k++] = colour[1]; numbers[k++] = colour[2]; numbers[k++] = colour[3]; numbers[k++] = size;
+    }
+    const count = this.upload(this.points, k, [3, 4, 1]);
     this.gl.uniform1f(this.points.at.uScale, scale); this.gl.drawArrays(this.gl.POINTS, 0, count);
   }
 }

@@ -11,9 +11,10 @@ class Steering extends Orbit {
     super();
     this.root = root;
     this.clips = new Clips(packed); this.figure = new Figure(this.clips, packed.steer);
-    this.painter = new Painter(this.$("stage"), () => {});
+    const software = drawnInSoftware();
+    this.painter = new Painter(this.$("stage"), () => {}, !software);
     this.height = Math.max(...this.clips.places(this.figure.pose()).map((p) => p[2])) || 1;
-    this.held = new Set(); this.pad = [0, 0]; this.path = null; this.drawn = []; this.trail = []; this.frames = []; this.cost = 0; this.detail = 1; this.slow = 0;
+    this.held = new Set(); this.pad = [0, 0]; this.path = null; this.drawn = []; this.trail = []; this.frames = []; this.cost = 0; this.detail = software ? 0.7 : 1; this.slow = 0;
     this.centre = [...this.figure.place, 0.55 * this.height];
     this.$("speed").max = Math.max(packed.speeds.fast, 0.1); this.$("speed").value = packed.speeds.walk;
     this.fast = packed.speeds.fast;

@@ -10,12 +10,32 @@ from muybridge.geometry.roles import find_motion_roles
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.motion.contacts.feet import USUAL_LEG_M, Leg, find_legs, leg_length, points_of_foot
 from muybridge.motion.contacts.find import Contacts, find_contacts, without_short_runs
+from muybridge.motion.contacts.foot_plan import depth
 from muybridge.motion.contacts.planting import PlantOptions, plant_feet
 
 _OFF_M = 0.015  # of an adult: a foot that a transition has moved farther from where it stands does not stand yet
 _STEP_M = 0.05  # of an adult: a foot that stands farther away in the next motion takes a step there
 _SHORTEST_S = 0.06
+_FADE = 1 / 3  # of a transition's duration, over which planting its feet fades
 _OWN_HEIGHT_M = 0.003  # over the floor, from which a contact keeps its height: the motions' floors may differ
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """How the feet of a motion stand.
+
+    Attributes:
+        contact: (T, 2, 2) whether heel and ball of the left and the right foot stand.
+        under: (T, 2) metres that each foot is in the floor of the first motion that is joined: the floors of captures
+            differ, and a foot that swings through one is not lifted out of it.
+    """
+
+    contact: BoolArray
+    under: FloatArray
+
+    def select(self, frames: slice) -> "Stance":
+        """The same of some frames."""
+        return Stance(self.contact[frames], self.under[frames])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +60,23 @@ class Feet:
         return np.stack([points_of_foot(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg)
                          for leg in self.legs], axis=1)  # fmt: skip
 
-    def plant(self, motion: Motion, standing: BoolArray, where: BoolArray | None = None) -> tuple[Motion, Contacts]:
-        """The motion with feet planted where they stand (T, 2, 2), in the contacts that have a frame in `where`."""
+    def stance(self, number: int, motion: Motion) -> Stance:
+        """How the feet stand in the motion of this number, wherever on the ground it is placed."""
+        world, first = motion.forward(), self.contacts[0]
+        deep = [depth(world[:, leg.foot, :3, 3], world[:, leg.foot, :3, :3], leg, first.floor, first.clearance[k])
+                for k, leg in enumerate(self.legs)]  # fmt: skip
+        return Stance(self.contacts[number].contact, np.maximum(np.stack(deep, axis=1), 0.0))
+
+    def plant(self, motion: Motion, stance: Stance, where: BoolArray, seconds: float) -> tuple[Motion, Contacts]:
+        """The motion with feet planted where they stand, in the contacts that have a frame in `where` (T,).
+
+        What it takes to plant a transition of so many seconds fades over a share of them.
+        """
         first = self.contacts[0]
-        contacts = Contacts.of_feet(standing, motion.fps, first.floor, first.clearance)
-        planted = plant_feet(motion, contacts, PlantOptions(step=_OWN_HEIGHT_M), roles=self.roles, legs=self.legs,
-                             where=where)  # fmt: skip
+        contacts = Contacts.of_feet(stance.contact, motion.fps, first.floor, first.clearance)
+        options = PlantOptions(max(PlantOptions.blend, _FADE * seconds), step=_OWN_HEIGHT_M)
+        planted = plant_feet(motion, contacts, options, roles=self.roles, legs=self.legs, where=where,
+                             under=stance.under)  # fmt: skip
         return planted.motion, planted.contacts
 
 
@@ -60,10 +91,10 @@ def find_feet(motions: Sequence[Motion]) -> tuple[Feet | None, list[str]]:
     return Feet(roles, legs, leg_length(motions[0].skeleton, legs) / USUAL_LEG_M, contacts), []
 
 
-def contacts_across(
-    feet: Feet, motions: tuple[Motion, Motion, Motion], standing: tuple[BoolArray, BoolArray], leave: int, enter: int
-) -> BoolArray:
-    """(T, 2, 2) the contacts of a motion that was joined of two.
+def stance_across(
+    feet: Feet, motions: tuple[Motion, Motion, Motion], stances: tuple[Stance, Stance], leave: int, enter: int
+) -> Stance:
+    """How feet stand in a motion that was joined of two.
 
     A foot that stands in both motions at the join, in one place, stands on. Another one stands where it does in the
     motion that it comes from, unless the transition has moved it away from there: it takes a step.
@@ -71,10 +102,11 @@ def contacts_across(
     Args:
         feet: of the skeleton.
         motions: the first one; the second one, where it was placed; and what was made of them.
-        standing: (T, 2, 2) of the first and of the second.
+        stances: of the first and of the second.
         leave: the last frame of the first motion.
         enter: the frame of the second at the same time.
     """
+    standing = stances[0].contact, stances[1].contact
     out = np.concatenate([standing[0][: leave + 1], standing[1][enter + 1 :]])
     first, second, joined = (feet.places(m) for m in motions)
     source = np.concatenate([first[: leave + 1], second[enter + 1 :]])
@@ -88,7 +120,7 @@ def contacts_across(
         if together[foot, point]:
             held[_span_about(contact, leave)] = True
         out[:, foot, point] = without_short_runs(contact & (held | near[:, foot, point]), shortest)
-    return out
+    return Stance(out, np.concatenate([stances[0].under[: leave + 1], stances[1].under[enter + 1 :]]))
 
 
 def _span_about(contact: BoolArray, frame: int) -> slice:

@@ -16,7 +16,7 @@ from muybridge.motion.editing.cutting import join
 
 How = Literal["inertial", "crossfade", "quadratic", "align"]
 _CROSSFADE_S = 0.4
-_INERTIAL_S = (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
+_INERTIAL_S = (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.3, 1.6)
 
 
 @dataclass(frozen=True)

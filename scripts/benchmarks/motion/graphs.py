@@ -1,6 +1,6 @@
 """Motion graphs of generated takes: time and memory to build, how hard transitions accelerate, long walks, paths.
 
-Usage: python -m scripts.benchmarks.motion.graphs [--frames 10000] [--seed 0] [--minutes 10]
+Usage: python -m scripts.benchmarks.motion.graphs [--frames 10000] [--seed 0] [--minutes 10] [--build-only]
 
 Takes are those of `scripts.benchmarks.motion.walking_takes`, at 60 frames a second, and are made before the clock
 starts. Kernels are compiled before it starts, too. Needs the `train` extra.
@@ -104,8 +104,11 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--build-only", action="store_true", help="walk nowhere")
     options = parser.parse_args()
     graph = build_and_report(options.frames, options.seed)
+    if options.build_only:
+        return
     long_walk(graph, options.minutes, options.seed)
     paths(graph)
 

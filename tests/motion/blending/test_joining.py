@@ -60,6 +60,17 @@ def test_an_inertialised_join_is_no_more_violent_than_the_motions() -> None:
     assert peak_acceleration(joined.motion) <= max(peak_acceleration(m) for m in pair) * 1.0001
 
 
+def test_planting_changes_nothing_where_no_foot_stands() -> None:
+    """The feet of this walk swing through what is taken for the floor, and none of them stands."""
+    whole = walk(200)
+    pair = [whole.select(slice(0, 120)), whole.select(slice(20, 200))]
+    planted, plain = (join_motions(pair, ["a", "b"], JoinOptions(seconds=0.5, plant=p)) for p in (True, False))
+    assert planted.contacts is not None and not planted.contacts.contact.any()
+    np.testing.assert_allclose(
+        planted.motion.joint_positions_world(), plain.motion.joint_positions_world(), rtol=0, atol=1e-9
+    )
+
+
 def test_feet_stand_about_a_join_of_captures() -> None:
     path = SHARED / "data" / "motion" / "02_01.amc"
     if not path.is_file():

@@ -113,6 +113,28 @@ def test_a_foot_under_the_floor_is_lifted():
     assert feet_of_motion(plant_feet(sunk, nothing).motion).places[..., 2].min() > 0.02 - 1e-3
 
 
+def test_a_foot_may_be_in_the_floor_where_it_was_before():
+    motion, stands = standing()
+    sunk = replace(motion, root_positions_world=motion.root_positions_world - [0, 0, 0.03])
+    nothing = Contacts.of_feet(np.zeros_like(stands), FPS, Floor(), np.full((2, 2), 0.02))
+    low = feet_of_motion(sunk).places[..., 2]
+    left_alone = plant_feet(sunk, nothing, under=np.maximum(0.02 - low, 0.0).max(axis=-1)).motion
+    assert np.abs(left_alone.joint_positions_world() - sunk.joint_positions_world()).max() < 1e-9
+    half = plant_feet(sunk, nothing, under=np.full((FRAMES, 2), 0.015)).motion
+    assert feet_of_motion(half).places[..., 2].min() == pytest.approx(0.005, abs=1e-3)
+
+
+def test_a_contact_stands_where_it_does_beside_the_frames_that_are_planted():
+    motion, _ = standing()
+    where = np.zeros(FRAMES, bool)
+    where[20:80] = True
+    aside = np.where(where, 0.03, 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
+    moved = replace(motion, root_positions_world=motion.root_positions_world + aside)
+    contacts = Contacts.of_feet(standing()[1], FPS, Floor(), np.full((2, 2), 0.02))
+    planted = feet_of_motion(plant_feet(moved, contacts, where=where).motion).places
+    assert planted[:90] == pytest.approx(feet_of_motion(motion).places[:90], abs=1e-4)
+
+
 def test_a_foot_on_something_keeps_its_height():
     motion, stands = standing(noise=0.005)
     contacts = Contacts.of_feet(stands, FPS, Floor(-0.03), np.full((2, 2), 0.02))
