@@ -127,6 +127,9 @@ def join_files(material: Material, options: JoinOptions, at: Sequence[float] = (
         needs = f"{counted(joins, 'join')} need{'s' if joins == 1 else ''} {2 * joins} times, not {len(at)}"
         raise MuybridgeError(f"{needs}: of each, when the one motion is left and when the next one is entered")
     times = list(zip(at[::2], at[1::2], strict=True))
+    for k, (leave, enter) in enumerate(times):
+        _check_time(material, k, leave)
+        _check_time(material, k + 1, enter)
     joined = join_motions(material.motions, material.names, options, times)
     fps = joined.motion.fps
     told = []
@@ -138,6 +141,13 @@ def join_files(material: Material, options: JoinOptions, at: Sequence[float] = (
     if joined.contacts is not None:
         told.append(f"feet move by {joined.drift() * 1e3:.1f} mm at most while they stand about the joins")
     return Made(Take(motion=joined.motion), tuple(told), joined.notes)
+
+
+def _check_time(material: Material, k: int, seconds: float) -> None:
+    motion = material.motions[k]
+    last = (len(motion) - 1) / motion.fps
+    if not -0.5 / motion.fps <= seconds <= last + 0.5 / motion.fps:
+        raise MuybridgeError(f"{material.names[k]} lasts from 0 to {last:g} s, and has no frame at {seconds:g} s")
 
 
 def blend_files(
