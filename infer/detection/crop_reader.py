@@ -16,7 +16,7 @@ from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.background import BackgroundModel, SmallFrames
-from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.crop_pixels import extract_crops, scaled_down
 from muybridge.infer.detection.exposure import brighten_crops
 from muybridge.infer.detection.orientation import FrameOrientation
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
@@ -100,10 +100,14 @@ class Pictures(NamedTuple):
     Attributes:
         frames: (n, H, W, 3) RGB.
         small: the same as scaled down by its `BackgroundModel`; None for networks that do not take the background.
+        half: the same averaged over two by two pixels; None where that is not at hand.
+        scale: of the video's frames, over how many by how many pixels these are averaged.
     """
 
     frames: ByteArray
     small: SmallFrames | None
+    half: ByteArray | None = None
+    scale: int = 1
 
 
 class PoseReader:
@@ -170,6 +174,10 @@ class PoseReader:
         network = self._network
         in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
         return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
+
+    def coarseness(self, boxes_px: FloatArray) -> FloatArray:
+        """(K,) pixels of the frame per pixel of a crop of these boxes (K, 4), upright px."""
+        return self._crops(_with_least_side(boxes_px)).image_px_per_crop_px
 
     def _pixels(self, pictures: Pictures, frame: IndexArray, crops: Crops) -> ByteArray:
         return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
@@ -258,9 +266,11 @@ def crop_pixels(
     """(K, S, S, channels) pixels of crops of their frames (K,): RGB and, as a fourth channel, the difference to the
     background."""
     pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
+    own = scaled_down(crops, pictures.scale)
     for index in np.unique(frame):
         here = np.flatnonzero(frame == index)
-        pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
+        half = None if pictures.half is None else pictures.half[index]
+        pixels[here, ..., :3] = extract_crops(pictures.frames[index], own.select(here), half)
         if channels > 3 and pictures.small is not None:
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
     brighten_crops(pixels)

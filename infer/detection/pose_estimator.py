@@ -111,11 +111,12 @@ class PoseEstimator:
         """The body landmarks that the network finds."""
         return self._network.landmarks
 
-    def process(self, frames: ByteArray) -> None:
+    def process(self, frames: ByteArray, half: ByteArray | None = None) -> None:
         """Process the next frames.
 
         Args:
             frames: (n, H, W, 3) RGB, any n, the same size in every call.
+            half: the same averaged over two by two pixels, where that is at hand.
 
         Raises:
             ValueError: frames of another type, or of another size than before or than the camera's.
@@ -129,7 +130,8 @@ class PoseEstimator:
         if (width, height) != (upright.width, upright.height):
             raise ValueError(f"frames of {width}x{height} px after others of {upright.width}x{upright.height}")
         for start in range(0, len(frames), _FRAMES_AT_ONCE):
-            self._process_part(frames[start : start + _FRAMES_AT_ONCE], self._parts)
+            part = slice(start, start + _FRAMES_AT_ONCE)
+            self._process_part(frames[part], None if half is None else half[part], self._parts)
 
     def _start(self, width: int, height: int) -> _Parts:
         """The parts that depend on the size of the frames."""
@@ -172,10 +174,10 @@ class PoseEstimator:
         found = [f._replace(frame=f.frame - first) for f in found]
         return _assemble(found, self._frames - first, self._network.sets, (0, 0.0))
 
-    def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
+    def _process_part(self, frames: ByteArray, half: ByteArray | None, parts: _Parts) -> None:
         backdrop, detector, tracker, reader = parts
-        small = backdrop(frames)
-        pictures = Pictures(frames, small)
+        small = backdrop(frames if half is None else half)
+        pictures = Pictures(frames, small, half)
         tracked = [tracker.step(detected) for detected in detector(small)]
         boxes = self._smoother(tracked)
         ids = np.stack([t.ids for t in tracked])

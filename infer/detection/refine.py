@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, IndexArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, resample_keypoints
@@ -37,6 +37,8 @@ from muybridge.infer.session.video import read_chunks
 
 # Prefix of arrays that were read without a prior.
 _ALONE = "alone."
+# A crop may be this much finer than the copy that it is cut from.
+_FINE_ENOUGH = 0.9
 
 
 @dataclass(frozen=True)
@@ -210,6 +212,14 @@ class TopDownRefinement:
         """The camera's own frames for frames of the session."""
         return own_frames(self.session.clocks, c, frames, self.session.fps, self.detected[c].tracks.frames)
 
+    def _copies_scale(self, c: int, reader: PoseReader, boxes_px: FloatArray) -> int:
+        """The scale of the copies that show the boxes (K, 4) of a camera as well as its frames do; 1 where they do
+        not, or there are none."""
+        scale = self.detected[c].copies_scale
+        if scale < 2 or self.detected[c].stretched or not len(boxes_px):
+            return 1
+        return scale if reader.coarseness(boxes_px).min() >= _FINE_ENOUGH * scale else 1
+
     def _read(
         self, c: int, wanted: IndexArray, expected: Points3D, number: str, task: Task, stop: threading.Event
     ) -> StageResult:
@@ -238,12 +248,18 @@ class TopDownRefinement:
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
         frames, order = np.unique(own, return_inverse=True)
         parts, begin = [], 0
-        for chunk in stretch_frames(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
+        scale = self._copies_scale(c, reader, boxes)
+        if scale > 1:
+            chunks = self.detected[c].read_copies(frames)
+        else:
+            indices = self.session.frame_indices[c][frames]
+            chunks = stretch_frames(read_chunks(self.session.videos[c], indices, reuse=True))
+        for chunk in chunks:
             if stop.is_set():
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
             where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
-            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None)
+            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None, scale=scale)
             parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[here], where)))
             begin += len(chunk)
             task.advance(len(here))

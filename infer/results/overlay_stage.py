@@ -1,4 +1,4 @@
-"""The overlays of a session, one stage per camera, drawn into the small copies of the videos."""
+"""The overlays of a session, one stage per camera, drawn into small copies of the frames."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from muybridge.arrays import ByteArray
@@ -21,11 +22,12 @@ from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Task
 from muybridge.infer.runtime.stages import StageResult
 from muybridge.infer.session.discover import OVERLAY
-from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
+from muybridge.infer.session.write_video import fit_inside
 
 THUMBNAILS = 4
+_LONG_SIDE_PX = 960
 # The code that overlays depend on.
 _CODE = ("muybridge.geometry", "muybridge.infer.results", "muybridge.infer.session")
 
@@ -44,13 +46,13 @@ def write_overlays(
     run: Run, session: Session, camera_files: Sequence[str], detected: Sequence[CameraResult], solution: Solution,
     options: OverlayOptions, workers: int,
 ) -> list[Thumbnail]:  # fmt: skip
-    """Draw 2D landmarks and the projected skeleton into the small copies of the videos.
+    """Draw 2D landmarks and the projected skeleton into small copies of the frames.
 
     Args:
         run: receives the files and the stages.
         session: C cameras and their videos.
         camera_files: (C,) the cameras' names as file names.
-        detected: (C,) 2D stages, which have the small copies.
+        detected: (C,) 2D stages, which may have the copies.
         solution: the person of interest, and the others.
         options: drawing and encoding.
         workers: cameras worked on at the same time.
@@ -97,12 +99,12 @@ class _Overlay:
             self.task.advance(len(data.projected_px))
             return stored
         start = time.perf_counter()
-        proxy = probe_video(self.detected.proxy)
-        scale = proxy.width / camera.width, proxy.height / camera.height
+        size = fit_inside(camera.width, camera.height, _LONG_SIDE_PX)
+        scale = size[0] / camera.width, size[1] / camera.height
         thumbnails: dict[int, bytes] = {}
 
         def write(path: Path) -> None:
-            frames = self._counted(read_chunks(proxy))
+            frames = self._shrunk(size)
             wanted = pick_thumbnail_frames(self.solution.measured, THUMBNAILS)
             thumbnails.update(write_overlay(path, frames, scale, data, wanted, self.options).thumbnails)
 
@@ -123,7 +125,17 @@ class _Overlay:
             others_px=tuple(camera.project_seen(o.points.points_world) for o in written_people(solution)[1:]),
         )
 
-    def _counted(self, chunks: Iterator[ByteArray]) -> Iterator[ByteArray]:
+    def _shrunk(self, size: tuple[int, int]) -> Iterator[ByteArray]:
+        """The frames at a smaller size (width, height), from the copies where these are large enough."""
+        camera, video = self.session.cameras[self.index], self.session.videos[self.index]
+        scale = self.detected.copies_scale
+        if scale and camera.width // scale >= size[0]:
+            chunks = self.detected.read_copies()
+        else:
+            indices = self.session.frame_indices[self.index, : self.session.lasts(self.index)]
+            chunks = read_chunks(video, indices, reuse=True)
         for chunk in chunks:
-            yield from chunk
+            for frame in chunk:
+                smaller = frame.shape[1::-1] != size
+                yield np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA)) if smaller else frame
             self.task.advance(len(chunk))
