@@ -146,7 +146,7 @@ class PoseEstimator:
         backdrop = BackgroundModel(letterbox, people.background)
         return _Parts(
             backdrop,
-            PeopleDetector(self._people, letterbox, people),
+            PeopleDetector(self._people, letterbox, people, self._fps),
             Tracker(upright.bounds, self._options.track, self._fps),
             PoseReader(self._network, camera, upright, backdrop, self._fps),
         )
@@ -158,7 +158,7 @@ class PoseEstimator:
 
     def finish(self) -> CameraTracks:
         """Everything detected so far; T is the number of frames processed, P the number of slots used."""
-        passes = -(-self._frames // self._options.people.every)
+        passes = 0 if self._parts is None else self._parts.detector.passes
         min_seen = min(self._options.track.min_seen, passes)
         least = min_seen, self._options.min_confidence
         return _assemble(self._found, self._frames, self._network.sets, least)
