@@ -68,6 +68,7 @@ class RunOptions:
         solve: 3D points and motion.
         refinement: when a person's views are read again with crops predicted from 3D.
         overlay: the videos with landmarks and skeleton overlaid.
+        overlays: write those videos; a later run with the same options writes only what is missing.
         refine_cameras: refine the cameras' poses from the person first.
         world: axes of the results: those of the `calibration`, or turned `upright` where its Z axis is not up.
         overwrite: replace files of our names in the results folder that muybridge did not write.
@@ -78,6 +79,7 @@ class RunOptions:
     solve: SolveOptions = field(default_factory=SolveOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
+    overlays: bool = True
     refine_cameras: bool = False
     world: Literal["calibration", "upright"] = "calibration"
     overwrite: bool = False
@@ -213,7 +215,7 @@ def _write(
     contacts = write_people(run, solution, options.detect.markers)
     characters = {} if character is None or solution.motion is None else character.put_on(run)
     thumbnails = write_overlays(
-        run, session, files, followed.detected, solution, options.overlay, options.detect.workers
+        run, session, files, followed.detected, solution, options.overlay, options.detect.workers, options.overlays
     )
     shared: dict[str, Any] = {
         "cameras": session.cameras, "warnings": session.notices, "timings_s": run.timings_s,

@@ -5,17 +5,19 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from muybridge.arrays import ByteArray
 from muybridge.infer.detection.detect import CameraResult
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.report.data import Thumbnail
 from muybridge.infer.report.page import pick_thumbnail_frames
-from muybridge.infer.results.overlay import OverlayOptions, write_overlay
-from muybridge.infer.results.overlay_drawing import OverlayData
+from muybridge.infer.results.overlay import OverlayOptions, encode_thumbnail, write_overlay
+from muybridge.infer.results.overlay_drawing import OverlayData, draw_overlay
 from muybridge.infer.results.people import written_people
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import code_digest, digest
@@ -44,7 +46,7 @@ def is_overlay(name: str) -> bool:
 
 def write_overlays(
     run: Run, session: Session, camera_files: Sequence[str], detected: Sequence[CameraResult], solution: Solution,
-    options: OverlayOptions, workers: int,
+    options: OverlayOptions, workers: int, videos: bool = True,
 ) -> list[Thumbnail]:  # fmt: skip
     """Draw 2D landmarks and the projected skeleton into small copies of the frames.
 
@@ -56,6 +58,7 @@ def write_overlays(
         solution: the person of interest, and the others.
         options: drawing and encoding.
         workers: cameras worked on at the same time.
+        videos: write the videos; otherwise only the thumbnails are drawn, where there are copies.
 
     Returns:
         Thumbnails for the report.
@@ -63,12 +66,16 @@ def write_overlays(
     frames = len(solution.points.points_world)
     with run.progress.task("overlays", len(detected) * frames) as task, ThreadPoolExecutor(workers) as pool:
         jobs = [
-            pool.submit(_Overlay(run, session, name, found, c, solution, options, task).write)
-            for c, (name, found) in enumerate(zip(camera_files, detected, strict=True))
+            pool.submit(overlay.write if videos else overlay.draw_thumbnails)
+            for overlay in (
+                _Overlay(run, session, name, found, c, solution, options, task)
+                for c, (name, found) in enumerate(zip(camera_files, detected, strict=True))
+            )
         ]
         stages = [job.result() for job in jobs]
-    run.stages |= {f"overlay {name}": stage for name, stage in zip(camera_files, stages, strict=True)}
-    run.written += [overlay_name(name) for name in camera_files]
+    what = "overlay" if videos else "thumbnails"
+    run.stages |= {f"{what} {name}": stage for name, stage in zip(camera_files, stages, strict=True)}
+    run.written += [overlay_name(name) for name in camera_files] if videos else []
     return [
         Thumbnail(session.cameras.names[c], int(key), stage.arrays[key].tobytes())
         for c, stage in enumerate(stages)
@@ -92,15 +99,13 @@ class _Overlay:
     def write(self) -> StageResult:
         """The stage, whose arrays are thumbnails by frame number."""
         name, stage, data = overlay_name(self.camera_file), f"overlay-{self.camera_file}", self._data()
-        camera = self.session.cameras[self.index]
-        key = digest(code_digest(*_CODE), self.detected.stage.key, camera, self.options, data)
+        key = self._key(data)
         stored = self.run.store.load(stage, key)
         if stored is not None and self.run.output.owns(name):
             self.task.advance(len(data.projected_px))
             return stored
         start = time.perf_counter()
-        size = fit_inside(camera.width, camera.height, _LONG_SIDE_PX)
-        scale = size[0] / camera.width, size[1] / camera.height
+        size, scale = self._size()
         thumbnails: dict[int, bytes] = {}
 
         def write(path: Path) -> None:
@@ -111,6 +116,35 @@ class _Overlay:
         self.run.output.write(name, write)
         arrays = {str(t): np.frombuffer(jpeg, np.uint8) for t, jpeg in thumbnails.items()}
         return self.run.store.save(stage, key, arrays, {}, time.perf_counter() - start)
+
+    def draw_thumbnails(self) -> StageResult:
+        """The same stage without the video; no thumbnails where that would mean decoding it."""
+        stage, data = f"thumbnails-{self.camera_file}", self._data()
+        key = self._key(data)
+        stored = self.run.store.load(stage, key)
+        self.task.advance(len(data.projected_px))
+        if stored is not None:
+            return stored
+        start = time.perf_counter()
+        arrays: dict[str, NDArray[Any]] = {}
+        if self.detected.copies_scale:
+            size, scale = self._size()
+            wanted = np.array(pick_thumbnail_frames(self.solution.measured, THUMBNAILS), dtype=np.intp)
+            frames = (frame for chunk in self.detected.read_copies(wanted) for frame in chunk)
+            for t, frame in zip(wanted.tolist(), frames, strict=True):
+                drawn = draw_overlay(_resized(frame, size), t, scale, data, self.options.legend)
+                arrays[str(t)] = np.frombuffer(encode_thumbnail(drawn, self.options), np.uint8)
+        return self.run.store.save(stage, key, arrays, {}, time.perf_counter() - start)
+
+    def _key(self, data: OverlayData) -> str:
+        camera = self.session.cameras[self.index]
+        return digest(code_digest(*_CODE), self.detected.stage.key, camera, self.options, data)
+
+    def _size(self) -> tuple[tuple[int, int], tuple[float, float]]:
+        """Width and height of the overlay, px, and both over those of the frames."""
+        camera = self.session.cameras[self.index]
+        size = fit_inside(camera.width, camera.height, _LONG_SIDE_PX)
+        return size, (size[0] / camera.width, size[1] / camera.height)
 
     def _data(self) -> OverlayData:
         solution, camera, c = self.solution, self.session.cameras[self.index], self.index
@@ -136,6 +170,12 @@ class _Overlay:
             chunks = read_chunks(video, indices, reuse=True)
         for chunk in chunks:
             for frame in chunk:
-                smaller = frame.shape[1::-1] != size
-                yield np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA)) if smaller else frame
+                yield _resized(frame, size)
             self.task.advance(len(chunk))
+
+
+def _resized(frame: ByteArray, size: tuple[int, int]) -> ByteArray:
+    """A frame at another size, width and height."""
+    if frame.shape[1::-1] == size:
+        return frame
+    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
