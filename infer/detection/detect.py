@@ -37,6 +37,8 @@ from muybridge.models.shipped import Precision
 
 # Of a camera's name within a file name, which may have 255 bytes.
 _NAME_BYTES = 150
+# Landmarks are read so many times a second in a first pass.
+FIRST_FPS = 20.0
 # Of a stage's arrays and facts.
 _PLATE, _REPEATS, _STILL_FROM, _LETTERBOX = "plate", "repeats", "still_from", "frames_width_height_angle_and_long_side"
 _DAMAGED, _UNREADABLE = "damaged_frames_of_the_video", "unreadable"
@@ -211,7 +213,8 @@ def first_pass(options: DetectOptions) -> DetectOptions:
         onnx = replace(onnx, flip=False)
     if onnx.size is None:  # a stated size is what the network sees in both passes
         onnx = replace(onnx, size=FIRST_PASS)
-    return replace(options, keypoints=replace(keypoints, onnx=onnx))
+    most = FIRST_FPS if keypoints.most_fps is None else keypoints.most_fps
+    return replace(options, keypoints=replace(keypoints, onnx=onnx, most_fps=most))
 
 
 def _stage(name: str) -> str:
@@ -301,7 +304,7 @@ class _CameraWork:
                         stretched = True
                         if half is not None:
                             half[k] = halved(frame)
-                estimator.process(frames, half)
+                estimator.process(frames, half, not repeats.among_last(len(frames)))
                 self.task.advance(len(frames))
         self.task.advance(self.session.frames - lasts)
         tracks = estimator.finish()

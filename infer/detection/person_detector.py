@@ -12,7 +12,6 @@ from muybridge.infer.detection.orientation import Letterbox
 from muybridge.infer.networks.keypoints import PeopleNetwork
 from muybridge.models.people.decode import DetectedPeople, box_overlap, decode_people
 
-
 # Detections per second where nothing much happens.
 _A_SECOND = 15.0
 # Somebody detected with this score is clearly there, and stayed where their boxes overlap by this share.
