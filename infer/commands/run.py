@@ -21,7 +21,7 @@ from muybridge.infer.session.session import SessionOptions
 
 COMMON_OPTIONS = {
     "run": (
-        "out", "to", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
+        "out", "to", "preset", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
         "everyone", "overlays", "refine_cameras", "world",
     ),
     "run_markers": ("out", "overwrite", "calibration", "cameras", "markerset", "correct"),

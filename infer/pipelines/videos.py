@@ -21,6 +21,7 @@ from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinemen
 from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import first_frames, merge_tracks
 from muybridge.infer.networks.models import Models, open_models
+from muybridge.infer.pipelines.presets import Preset, with_preset
 from muybridge.infer.pipelines.warm_up import CompiledAhead
 from muybridge.infer.reconstruction import judge_calibration, refine_cameras
 from muybridge.infer.reconstruction.gravity import estimate_gravity
@@ -63,23 +64,27 @@ class RunOptions:
     """Every stage's options.
 
     Attributes:
+        preset: how much time is spent for how accurate a result; it sets what other options leave at their defaults.
         session: how the session folder is read.
         detect: 2D landmarks.
         solve: 3D points and motion.
         refinement: when a person's views are read again with crops predicted from 3D.
         overlay: the videos with landmarks and skeleton overlaid.
         overlays: write those videos; a later run with the same options writes only what is missing.
+        diagnose: look for a camera that was turned or moved, is out of step or has the wrong lens.
         refine_cameras: refine the cameras' poses from the person first.
         world: axes of the results: those of the `calibration`, or turned `upright` where its Z axis is not up.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
 
+    preset: Preset = "balanced"
     session: SessionOptions = field(default_factory=SessionOptions)
     detect: DetectOptions = field(default_factory=DetectOptions)
     solve: SolveOptions = field(default_factory=SolveOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
     overlays: bool = True
+    diagnose: bool = True
     refine_cameras: bool = False
     world: Literal["calibration", "upright"] = "calibration"
     overwrite: bool = False
@@ -167,6 +172,7 @@ def run_session(
         MuybridgeError: of some kind, for everything that the user can fix. Everything that can be known beforehand is
             checked before the first frame is processed and before anything is written.
     """
+    options = with_preset(options, options.preset, RunOptions())
     session = open_session(path, options.session)
     models = open_models(options.detect)
     files = file_names(session.cameras.names)
@@ -298,7 +304,7 @@ def _judge_cameras(
         session, stages[refine_cameras.STAGE] = refine_cameras.refine(session, keypoints, key, store, progress)
         key = digest(key, session.cameras.cameras)
     judged, stages[judge_calibration.STAGE] = judge_calibration.judge(
-        session.cameras, keypoints, session.fps, key, store, progress
+        session.cameras, keypoints, session.fps, key, store, progress, options.diagnose
     )
     return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
 

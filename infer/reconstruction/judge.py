@@ -16,9 +16,9 @@ _RARELY = 0.05  # share of frames in which a camera may see two people where the
 
 
 def check_keypoints(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions, fps: float
+    cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions | None, fps: float
 ) -> CalibrationQuality:
-    """The quality of a calibration by the landmarks of one tracked person.
+    """The quality of a calibration by the landmarks of one tracked person, diagnosed with the options, if any.
 
     Raises:
         SessionError: nobody was found.
