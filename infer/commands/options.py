@@ -21,7 +21,7 @@ COMMAND_LINE: dict[str, tuple[str, ...]] = {
     "TrackOptions": ("max_people", "start_score", "coast"),
     # one person in all cameras, and 3D points
     "TrackingOptions": ("gate", "start", "min_frames", "coast"),
-    "RefinementOptions": ("enabled", "everywhere"),
+    "RefinementOptions": ("enabled", "everywhere", "most_fps"),
     "FlipOptions": ("min_gain", "prior"),
     "TriangulateOptions": ("min_views", "min_angle_deg", "gate_sigma", "noise_px", "threads"),
     "ViewBiasOptions": ("enabled",),

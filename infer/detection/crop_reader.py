@@ -19,6 +19,7 @@ from muybridge.infer.detection.background import BackgroundModel, SmallFrames
 from muybridge.infer.detection.crop_pixels import extract_crops, scaled_down
 from muybridge.infer.detection.exposure import brighten_crops
 from muybridge.infer.detection.orientation import FrameOrientation
+from muybridge.infer.detection.resample import fast_gaps, interpolate_poses, scatter_poses
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.detection.tracks import LandmarkArrays, body_of, by_name, flat
 from muybridge.infer.networks.external import ExternalModel
@@ -46,9 +47,6 @@ _TRY_EVERY = 0.13
 _SAME_PERSON = 0.06
 _MUCH_MORE_CONFIDENT = 0.1
 _CONFIDENT, _ENOUGH_CONFIDENT = 0.3, 5
-
-# Between two frames, somebody whose landmarks move by more than this share of their box is read in every frame.
-_FAST = 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +151,14 @@ class PoseReader:
         chosen = np.zeros(len(frame), dtype=np.bool_)
         for each in rows:
             chosen[each[::every]] = chosen[each[-1]] = True
-        poses = self._scattered(self(pictures, frame[chosen], track[chosen], boxes_px[chosen]), chosen, boxes_px)
+        found = self(pictures, frame[chosen], track[chosen], boxes_px[chosen])
+        poses = scatter_poses(found, chosen, _with_least_side(boxes_px))
         read = chosen.copy()
         for each in rows:
             at = np.flatnonzero(chosen[each])
-            moved = np.linalg.norm(np.diff(poses.body.points_px[each[at]], axis=0), axis=-1)
+            moved = poses.body.points_px[each[at]]
             side = (boxes_px[each[at], 2:] - boxes_px[each[at], :2]).max(axis=1)
-            fast = ~(row_median(moved, 1) <= _FAST * side[1:])
-            for low, high in zip(at[:-1][fast], at[1:][fast], strict=True):
+            for low, high in fast_gaps(at, moved, side):
                 read[each[low:high]] = True
         more = read & ~chosen
         if more.any():
@@ -168,19 +166,8 @@ class PoseReader:
             for name, values in poses.arrays().items():
                 values[more] = found[name]
         for each in rows:
-            _interpolate(poses, each, read[each])
+            interpolate_poses(poses, each, read[each])
         return poses
-
-    def _scattered(self, poses: Poses, at: BoolArray, boxes_px: FloatArray) -> Poses:
-        """Poses of some rows (K,) among empty ones."""
-
-        def spread(values: FloatArray) -> FloatArray:
-            out = np.zeros((len(at), *values.shape[1:]))
-            out[at] = values
-            return out
-
-        landmarks = {name: each.map(lambda _, a: spread(a)) for name, each in poses.landmarks.items()}
-        return Poses(landmarks, _with_least_side(boxes_px))
 
     def expecting(
         self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
@@ -315,27 +302,6 @@ def crop_pixels(
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
     brighten_crops(pixels)
     return pixels
-
-
-def _interpolate(poses: Poses, rows: IndexArray, known: BoolArray) -> None:
-    """Fill in, in place, a track's poses (rows) between those that are `known`, the first and the last among them."""
-    at = np.flatnonzero(known)
-    gaps = np.flatnonzero(~known)
-    after = np.searchsorted(at, gaps)
-    low, high = at[after - 1], at[after]
-    share = (gaps - low) / np.maximum(high - low, 1)
-    for landmarks in poses.landmarks.values():
-        points, variance, score = landmarks.points_px, landmarks.variance_px2, landmarks.score
-        points[rows[gaps]] += (1 - share)[:, None, None] * points[rows[low]] + share[:, None, None] * points[rows[high]]
-        variance[rows[gaps]] = np.maximum(variance[rows[low]], variance[rows[high]])
-        score[rows[gaps]] = np.minimum(score[rows[low]], score[rows[high]])
-        there = np.isfinite(points[rows[gaps]]).all(-1)
-        score[rows[gaps]] *= there
-        variance[rows[gaps]] = np.where(there, variance[rows[gaps]], np.nan)
-        if landmarks.visibility is not None:
-            landmarks.visibility[rows[gaps]] = np.minimum(
-                landmarks.visibility[rows[low]], landmarks.visibility[rows[high]]
-            )
 
 
 def _in_frame(found: DecodedHeatmaps, crops: Crops) -> tuple[FloatArray, FloatArray, FloatArray]:

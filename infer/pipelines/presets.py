@@ -30,6 +30,7 @@ PRESETS: Mapping[Preset, Mapping[str, Any]] = {
         "detect.keypoints.onnx.flip": True,
         "detect.keypoints.people.every": 1,
         "detect.keypoints.most_fps": 1000.0,
+        "refinement.most_fps": 1000.0,
     },
 }
 

@@ -23,6 +23,8 @@ from muybridge.infer.runtime.stages import StageResult, StageStore
 _log = logging.getLogger(__name__)
 
 STAGE = "calibration"
+# Frames in which a run looks for faults of cameras; `muybridge calibrate check` takes more.
+_FRAMES = 48
 _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
 
 
@@ -47,7 +49,7 @@ def judge(
         return unpack_quality(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
-        quality = check_keypoints(cameras, keypoints, DiagnosisOptions() if diagnose else None, fps)
+        quality = check_keypoints(cameras, keypoints, DiagnosisOptions(max_frames=_FRAMES) if diagnose else None, fps)
     except MuybridgeError as error:
         _log.info("the calibration was not judged: %s", error)
         return None, None
