@@ -162,9 +162,9 @@ class PoseReader:
                 read[each[low:high]] = True
         more = read & ~chosen
         if more.any():
-            found = self(pictures, frame[more], track[more], boxes_px[more]).arrays()
+            further = self(pictures, frame[more], track[more], boxes_px[more]).arrays()
             for name, values in poses.arrays().items():
-                values[more] = found[name]
+                values[more] = further[name]
         for each in rows:
             interpolate_poses(poses, each, read[each])
         return poses

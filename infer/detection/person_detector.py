@@ -80,7 +80,7 @@ class PeopleDetector:
 
     def _between(self, chosen: IndexArray, found: list[DetectedPeople | None]) -> IndexArray:
         """The frames between those that were `chosen` in which people have to be looked for too."""
-        wanted = []
+        wanted: list[int] = []
         before, last = -1, self._last
         for at in chosen.tolist():
             now = found[at]

@@ -16,10 +16,9 @@ _Options = TypeVar("_Options")
 # Values of options by their path in `RunOptions`. Those of `balanced` are the defaults.
 PRESETS: Mapping[Preset, Mapping[str, Any]] = {
     "fast": {
-        "detect.keypoints.onnx.size": 0.75,
         "detect.keypoints.onnx.flip": False,
         "detect.keypoints.refine_crop": False,
-        "detect.keypoints.most_fps": 30.0,
+        "detect.keypoints.most_fps": 20.0,
         "refinement.everywhere": False,
         "diagnose": False,
         "overlays": False,

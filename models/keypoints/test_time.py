@@ -246,7 +246,8 @@ def _neighbours_in_series(uncertain: IndexArray, series: Series | None) -> tuple
         (here,) = np.nonzero(number == each)
         place = np.arange(len(here))
         before[here] = uncertain[here[place // series.every * series.every]]
-        after[here] = uncertain[here[np.minimum(-(-place // series.every) * series.every, len(here) - 1)]]
+        following = -(-place // series.every) * series.every
+        after[here] = uncertain[here[np.where(following < len(here), following, place // series.every * series.every)]]
     return before, after
 
 

@@ -34,7 +34,7 @@ def test_options_that_were_given_are_kept() -> None:
     )
     options = with_preset(given, "fast", RunOptions())
     assert options.detect.workers == 1 and options.detect.keypoints.most_fps == 5
-    assert options.detect.keypoints.onnx.size == 0.75 and not options.overlays
+    assert options.detect.keypoints.onnx.flip is False and not options.overlays
 
 
 def test_other_names_are_refused() -> None:
