@@ -35,7 +35,7 @@ _UNCERTAIN, _GAIN = 2.85, 0.6
 _STILL_UNCERTAIN, _TILT = 2.05, np.radians(14.0)
 _SMALLER, _TIGHTER = 3 / 4, 0.85
 # Crops more uncertain than this are worth a mirrored reading.
-WORTH_MIRRORING = 0.9
+WORTH_MIRRORING = 0.0
 
 
 class Series(NamedTuple):
