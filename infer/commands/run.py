@@ -22,7 +22,7 @@ from muybridge.infer.session.session import SessionOptions
 COMMON_OPTIONS = {
     "run": (
         "out", "to", "preset", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
-        "everyone", "overlays", "refine_cameras", "world",
+        "everyone", "world",
     ),
     "run_markers": ("out", "overwrite", "calibration", "cameras", "markerset", "correct"),
 }  # fmt: skip

@@ -21,7 +21,6 @@ from muybridge.infer.detection.refine import RefinementOptions, TopDownRefinemen
 from muybridge.infer.detection.resample import resample_tracks
 from muybridge.infer.detection.tracks import first_frames, merge_tracks
 from muybridge.infer.networks.models import Models, open_models
-from muybridge.infer.pipelines.presets import Preset, with_preset
 from muybridge.infer.pipelines.warm_up import CompiledAhead
 from muybridge.infer.reconstruction import judge_calibration, refine_cameras
 from muybridge.infer.reconstruction.gravity import estimate_gravity
@@ -43,6 +42,7 @@ from muybridge.infer.results.provenance import calibration_facts, session_facts,
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import DEFAULT_OUT, Run
 from muybridge.infer.runtime.digests import digest
+from muybridge.infer.runtime.presets import Preset, with_preset
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import opencv_in_one_thread

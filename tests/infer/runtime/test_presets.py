@@ -5,8 +5,8 @@ from typing import get_args
 
 import pytest
 
-from muybridge.infer.pipelines.presets import PRESETS, Preset, with_preset
 from muybridge.infer.pipelines.videos import RunOptions
+from muybridge.infer.runtime.presets import PRESETS, Preset, with_preset
 
 
 def _value(options: object, path: str) -> object:
