@@ -66,7 +66,7 @@ class RefinementOptions:
 
     enabled: bool = True
     everywhere: bool = True
-    most_fps: float = 60.0
+    most_fps: float = 30.0
     expected_sd: float = 0.08
     expected_most: float = 2.0
     min_known: float = 0.5
