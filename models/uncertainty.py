@@ -46,13 +46,13 @@ class SpreadCalibration:
         inner = np.exp(np.interp(np.log(inside), np.log(at), np.log(value)))
         return np.asarray(inner * np.maximum(spread_px2 / at[-1], 1.0) * each, dtype=np.float64)
 
-    def ratio(self, seen: FloatArray, mirrored: bool, partly: BoolArray | None = None) -> FloatArray:
+    def ratio(self, seen: FloatArray, mirrored: bool | BoolArray, partly: BoolArray | None = None) -> FloatArray:
         """Factor on the variances.
 
         Args:
             seen: probability that a landmark is visible.
-            mirrored: whether outputs were averaged with those of the mirrored crops.
+            mirrored: whether outputs were averaged with those of the mirrored crops; broadcasts with `seen`.
             partly: whether a crop shows only part of a person; broadcasts with `seen`.
         """
         part = 1.0 if partly is None else np.where(partly, self.part, 1.0)
-        return np.asarray(self.hidden ** (1 - seen) * (self.mirrored if mirrored else 1.0) * part, dtype=np.float64)
+        return np.asarray(self.hidden ** (1 - seen) * np.where(mirrored, self.mirrored, 1.0) * part, dtype=np.float64)

@@ -84,7 +84,7 @@ class StagedEstimator:
         self._frames = 0
         self._markers = markers
 
-    def process(self, frames: ByteArray) -> None:
+    def process(self, frames: ByteArray, half: ByteArray | None = None, thin: bool = True) -> None:
         assert frames.shape[1:] == (self._camera.height, self._camera.width, 3)
         self._frames += len(frames)
         time.sleep(float(os.environ.get("STAGED_SECONDS_PER_FRAME", "0")) * len(frames))

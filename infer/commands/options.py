@@ -16,12 +16,12 @@ WITHOUT_PREFIX = frozenset(
 # Classes of which the command line has these fields alone; classes that are not named here are there with all of them.
 COMMAND_LINE: dict[str, tuple[str, ...]] = {
     # 2D landmarks
-    "KeypointOptions": ("people", "track", "onnx", "refine_crop", "min_confidence"),
+    "KeypointOptions": ("people", "track", "onnx", "refine_crop", "most_fps", "min_confidence"),
     "PeopleOptions": ("min_score", "every", "background"),
     "TrackOptions": ("max_people", "start_score", "coast"),
     # one person in all cameras, and 3D points
     "TrackingOptions": ("gate", "start", "min_frames", "coast"),
-    "RefinementOptions": ("enabled", "everywhere"),
+    "RefinementOptions": ("enabled", "everywhere", "most_fps"),
     "FlipOptions": ("min_gain", "prior"),
     "TriangulateOptions": ("min_views", "min_angle_deg", "gate_sigma", "noise_px", "threads"),
     "ViewBiasOptions": ("enabled",),

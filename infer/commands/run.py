@@ -21,8 +21,8 @@ from muybridge.infer.session.session import SessionOptions
 
 COMMON_OPTIONS = {
     "run": (
-        "out", "to", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
-        "everyone", "refine_cameras", "world",
+        "out", "to", "preset", "overwrite", "calibration", "cameras", "markers", "workers", "min_confidence",
+        "everyone", "world",
     ),
     "run_markers": ("out", "overwrite", "calibration", "cameras", "markerset", "correct"),
 }  # fmt: skip

@@ -157,7 +157,7 @@ class BackgroundModel:
         return self._plate.plate if self._known is None else self._known
 
     def __call__(self, frames: ByteArray) -> SmallFrames:
-        """The next (n, H, W, 3) RGB frames scaled down."""
+        """The next (n, H, W, 3) RGB frames, which may be halved already, scaled down."""
         small = np.stack([self._letterbox.apply(frame) for frame in frames])
         if self._enabled and self._known is None:
             self._plate.add(small)

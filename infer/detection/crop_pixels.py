@@ -16,7 +16,7 @@ _COARSE = 2
 _MAX_FOLD = 128
 
 
-def extract_crops(frame: ByteArray, crops: Crops) -> ByteArray:
+def extract_crops(frame: ByteArray, crops: Crops, half: ByteArray | None = None) -> ByteArray:
     """Cut crops out of a frame, without aliasing.
 
     Where the crop is coarser than the frame it is sampled at a whole multiple of its resolution, at least as
@@ -25,6 +25,7 @@ def extract_crops(frame: ByteArray, crops: Crops) -> ByteArray:
     Args:
         frame: (H, W, 3), or (H, W) of one channel.
         crops: N crops of this frame.
+        half: the frame averaged over two by two pixels, where that is there already; coarse crops are cut from it.
 
     Returns:
         (N, S, S, 3), or (N, S, S).
@@ -36,7 +37,11 @@ def extract_crops(frame: ByteArray, crops: Crops) -> ByteArray:
     for index, crop_from_image in enumerate(crops.crop_from_image):
         # A power of two that leaves a factor of 1 to 2 to the sampling below.
         shrink = 2 ** int(np.log2(coarseness[index])) if coarseness[index] >= _COARSE else 1
-        image, image_from_shrunk = _shrunk(frame, bounds[index], shrink)
+        if shrink > 1 and half is not None:
+            image, image_from_shrunk = _shrunk(half, _in_half(bounds[index], half), shrink // 2)
+            image_from_shrunk = _scaling(2, 2) @ image_from_shrunk
+        else:
+            image, image_from_shrunk = _shrunk(frame, bounds[index], shrink)
         fold = int(np.ceil(coarseness[index] / shrink - 0.05))
         fine_from_crop = _scaling(fold, fold)
         fine = cv2.warpPerspective(
@@ -48,6 +53,17 @@ def extract_crops(frame: ByteArray, crops: Crops) -> ByteArray:
         pixels[index] = fine
     _blacken_behind(pixels, crops)
     return pixels
+
+
+def scaled_down(crops: Crops, scale: int) -> Crops:
+    """The same crops of the image averaged over `scale` by `scale` pixels."""
+    return crops if scale == 1 else Crops(crops.size_px, crops.crop_from_image @ _scaling(scale, scale))
+
+
+def _in_half(bounds: IndexArray, half: ByteArray) -> IndexArray:
+    """(4,) bounds in px of the frame to px of its half, never empty."""
+    low = np.minimum(bounds[:2] // 2, np.array(half.shape[1::-1]) - 1)
+    return np.concatenate([low, np.clip(-(-bounds[2:] // 2), low + 1, half.shape[1::-1])])
 
 
 def _scaling(factor_x: float, factor_y: float) -> FloatArray:

@@ -16,9 +16,10 @@ from muybridge.geometry.cameras.crops import Crops, crops_for_boxes
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.background import BackgroundModel, SmallFrames
-from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.crop_pixels import extract_crops, scaled_down
 from muybridge.infer.detection.exposure import brighten_crops
 from muybridge.infer.detection.orientation import FrameOrientation
+from muybridge.infer.detection.resample import fast_gaps, interpolate_poses, scatter_poses
 from muybridge.infer.detection.tracker import filled_boxes, smoothed_boxes, smoothing_frames
 from muybridge.infer.detection.tracks import LandmarkArrays, body_of, by_name, flat
 from muybridge.infer.networks.external import ExternalModel
@@ -100,10 +101,14 @@ class Pictures(NamedTuple):
     Attributes:
         frames: (n, H, W, 3) RGB.
         small: the same as scaled down by its `BackgroundModel`; None for networks that do not take the background.
+        half: the same averaged over two by two pixels; None where that is not at hand.
+        scale: of the video's frames, over how many by how many pixels these are averaged.
     """
 
     frames: ByteArray
     small: SmallFrames | None
+    half: ByteArray | None = None
+    scale: int = 1
 
 
 class PoseReader:
@@ -138,6 +143,32 @@ class PoseReader:
         found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
         return self._poses(found, crops, boxes_px)
 
+    def thinly(self, pictures: Pictures, frame: IndexArray, track: IntArray, boxes_px: FloatArray, every: int) -> Poses:
+        """The same, read in every n-th frame of a track and its last, and between those only where people move fast."""
+        if every == 1 or len(frame) < 2:
+            return self(pictures, frame, track, boxes_px)
+        rows = [np.flatnonzero(track == number) for number in np.unique(track)]
+        chosen = np.zeros(len(frame), dtype=np.bool_)
+        for each in rows:
+            chosen[each[::every]] = chosen[each[-1]] = True
+        found = self(pictures, frame[chosen], track[chosen], boxes_px[chosen])
+        poses = scatter_poses(found, chosen, _with_least_side(boxes_px))
+        read = chosen.copy()
+        for each in rows:
+            at = np.flatnonzero(chosen[each])
+            moved = poses.body.points_px[each[at]]
+            side = (boxes_px[each[at], 2:] - boxes_px[each[at], :2]).max(axis=1)
+            for low, high in fast_gaps(at, moved, side):
+                read[each[low:high]] = True
+        more = read & ~chosen
+        if more.any():
+            further = self(pictures, frame[more], track[more], boxes_px[more]).arrays()
+            for name, values in poses.arrays().items():
+                values[more] = further[name]
+        for each in rows:
+            interpolate_poses(poses, each, read[each])
+        return poses
+
     def expecting(
         self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
@@ -170,6 +201,10 @@ class PoseReader:
         network = self._network
         in_frame = network.fitted_boxes(self.upright.centered_in_frame(boxes_px))
         return crops_for_boxes(in_frame, network.crop_size, self._camera, network.box_padding)
+
+    def coarseness(self, boxes_px: FloatArray) -> FloatArray:
+        """(K,) pixels of the frame per pixel of a crop of these boxes (K, 4), upright px."""
+        return self._crops(_with_least_side(boxes_px)).image_px_per_crop_px
 
     def _pixels(self, pictures: Pictures, frame: IndexArray, crops: Crops) -> ByteArray:
         return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
@@ -258,9 +293,11 @@ def crop_pixels(
     """(K, S, S, channels) pixels of crops of their frames (K,): RGB and, as a fourth channel, the difference to the
     background."""
     pixels = np.zeros((len(crops), crops.size_px, crops.size_px, channels), dtype=np.uint8)
+    own = scaled_down(crops, pictures.scale)
     for index in np.unique(frame):
         here = np.flatnonzero(frame == index)
-        pixels[here, ..., :3] = extract_crops(pictures.frames[index], crops.select(here))
+        half = None if pictures.half is None else pictures.half[index]
+        pixels[here, ..., :3] = extract_crops(pictures.frames[index], own.select(here), half)
         if channels > 3 and pictures.small is not None:
             pixels[here, ..., 3] = backdrop.difference_in(crops.select(here), pictures.small, int(index))
     brighten_crops(pixels)

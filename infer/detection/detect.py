@@ -1,12 +1,12 @@
-"""2D landmarks of every camera: each video is decoded once, and a small copy of it is kept for the overlays.
+"""2D landmarks of every camera; small copies of the frames are kept for what needs them again.
 
-Each camera is a stage of its own. Two cameras are processed in parallel (decoding, the networks and the encoder all
-release Python's lock), each in bounded memory.
+Each camera is a stage of its own. Two cameras are processed in parallel (decoding and the networks release Python's
+lock), each in bounded memory.
 """
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.arrays import BoolArray, ByteArray
+from muybridge.arrays import BoolArray, ByteArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.infer.detection.background import BackgroundModel
 from muybridge.infer.detection.exposure import stretch_contrast
@@ -29,18 +29,20 @@ from muybridge.infer.runtime.progress import Progress, Task
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import Stopped, in_threads
 from muybridge.infer.session.damage import DamageWatch, damage_notice
+from muybridge.infer.session.frame_copies import CopyWriter, halved, holds, read_copies, times_halved
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
-from muybridge.infer.session.write_video import VideoWriter, fit_inside
 from muybridge.models.keypoints.test_time import FIRST_PASS
 from muybridge.models.shipped import Precision
 
-PROXY_LONG_SIDE_PX = 960
 # Of a camera's name within a file name, which may have 255 bytes.
 _NAME_BYTES = 150
+# Landmarks are read so many times a second in a first pass.
+FIRST_FPS = 20.0
 # Of a stage's arrays and facts.
 _PLATE, _REPEATS, _STILL_FROM, _LETTERBOX = "plate", "repeats", "still_from", "frames_width_height_angle_and_long_side"
 _DAMAGED, _UNREADABLE = "damaged_frames_of_the_video", "unreadable"
+_COPY_ENDS, _COPY_SCALE, _STRETCHED = "copies_end", "copies_scale", "contrast_was_stretched"
 # The code that 2D landmarks depend on.
 CODE = (
     "muybridge.geometry",
@@ -92,13 +94,13 @@ class CameraResult:
 
     Attributes:
         tracks: its landmarks in its own frames.
-        proxy: the small copy of its video.
+        copies: file of small copies of its frames.
         stage: key and timing.
         frozen_from: the frame from which its video is frozen to its end, if it is.
     """
 
     tracks: CameraTracks
-    proxy: Path
+    copies: Path
     stage: StageResult
     frozen_from: int | None = None
 
@@ -133,6 +135,21 @@ class CameraResult:
         """The frame from which all frames to the end look the same; the number of frames if none do."""
         return int(self.stage.arrays[_STILL_FROM])
 
+    @property
+    def copies_scale(self) -> int:
+        """Over how many by how many pixels the copies are averaged; 0 where there are none: the take is too long for
+        them, or its frames are small."""
+        return int(self.stage.facts.get(_COPY_SCALE, 0)) if len(self.stage.arrays.get(_COPY_ENDS, ())) else 0
+
+    @property
+    def stretched(self) -> bool:
+        """Whether the contrast of any frame was stretched: too much for what a copy keeps."""
+        return bool(self.stage.facts.get(_STRETCHED, True))
+
+    def read_copies(self, frames: IndexArray | None = None) -> Iterator[ByteArray]:
+        """Chunks of the copies of the take's frames (default all), where there are any."""
+        return read_copies(self.copies, self.stage.arrays[_COPY_ENDS], frames)
+
     def background_model(self) -> BackgroundModel:
         """The background of the whole video, for reading it again: in the orientation of the first pass, because the
         camera's pose may have been refined since."""
@@ -155,7 +172,7 @@ def detect(
         session: C cameras and their videos.
         file_names: (C,) the cameras' names as file names.
         models: the networks.
-        store: where finished stages are, and the small copies of the videos.
+        store: where finished stages are, and the copies.
         options: of the detection.
         progress: receives progress messages.
 
@@ -186,10 +203,7 @@ def is_finished(
     session: Session, file_names: Sequence[str], models: Models, store: StageStore, options: DetectOptions
 ) -> bool:
     """Whether `detect` with the same arguments would find all of its results in the store."""
-    return all(
-        _proxy(store, name).is_file() and store.holds(_stage(name), _key(session, c, models, options))
-        for c, name in enumerate(file_names)
-    )
+    return all(store.holds(_stage(name), _key(session, c, models, options)) for c, name in enumerate(file_names))
 
 
 def first_pass(options: DetectOptions) -> DetectOptions:
@@ -199,15 +213,16 @@ def first_pass(options: DetectOptions) -> DetectOptions:
         onnx = replace(onnx, flip=False)
     if onnx.size is None:  # a stated size is what the network sees in both passes
         onnx = replace(onnx, size=FIRST_PASS)
-    return replace(options, keypoints=replace(keypoints, onnx=onnx))
+    most = FIRST_FPS if keypoints.most_fps is None else keypoints.most_fps
+    return replace(options, keypoints=replace(keypoints, onnx=onnx, most_fps=most))
 
 
 def _stage(name: str) -> str:
     return f"landmarks-{name}"
 
 
-def _proxy(store: StageStore, name: str) -> Path:
-    return store.folder / f"video-{name}.mp4"
+def _copies(store: StageStore, name: str) -> Path:
+    return store.folder / f"frames-{name}.jpegs"
 
 
 def _key(session: Session, index: int, models: Models, options: DetectOptions) -> str:
@@ -241,18 +256,18 @@ class _CameraWork:
     stop: threading.Event
 
     @property
-    def proxy(self) -> Path:
-        return _proxy(self.store, self.name)
+    def copies(self) -> Path:
+        return _copies(self.store, self.name)
 
     def run(self) -> CameraResult:
         stage, key = _stage(self.name), _key(self.session, self.index, self.models, self.options)
         stored = self.store.load(stage, key)
-        if stored is not None and self.proxy.is_file():
+        if stored is not None and holds(self.copies, stored.arrays[_COPY_ENDS]):
             self.progress.say(f"{self.name}: 2D landmarks resumed from {self.store.folder / (stage + '.npz')}")
             self.task.advance(self.session.frames)
-            return CameraResult(_tracks(stored, self.models), self.proxy, stored)
+            return CameraResult(_tracks(stored, self.models), self.copies, stored)
         start = time.perf_counter()
-        tracks, others = self._compute()
+        tracks, others, facts = self._compute()
         arrays: dict[str, NDArray[Any]] = {
             name: values if name == "ids" else values.astype(np.float32) for name, values in tracks.arrays().items()
         }
@@ -260,31 +275,36 @@ class _CameraWork:
         camera = self.session.level_cameras[self.index]
         long_side = int(self.models.metadata["people"]["input_long_side"])
         upright = orientation_for(camera, camera.width, camera.height)
-        facts = {_LETTERBOX: [upright.width, upright.height, upright.angle, long_side]}
+        facts |= {_LETTERBOX: [upright.width, upright.height, upright.angle, long_side]}
         result = self.store.save(stage, key, arrays, facts, time.perf_counter() - start)
-        return CameraResult(_tracks(result, self.models), self.proxy, result)
+        return CameraResult(_tracks(result, self.models), self.copies, result)
 
-    def _compute(self) -> tuple[CameraTracks, dict[str, NDArray[Any]]]:
-        """The camera's tracks, and what else its stage keeps."""
+    def _compute(self) -> tuple[CameraTracks, dict[str, NDArray[Any]], dict[str, Any]]:
+        """The camera's tracks, and the arrays and facts that its stage keeps besides."""
         video, camera = self.session.videos[self.index], self.session.level_cameras[self.index]
         models = self.models
         estimator = PoseEstimator(
             models.keypoints, models.people, camera, self.options.keypoints, models.model_card,
             self.options.markers != "none", self.session.fps,
         )  # fmt: skip
-        size = fit_inside(video.width, video.height, PROXY_LONG_SIDE_PX)
         repeats, watch = RepeatedFrames(video.width, video.height), DamageWatch(video)
         lasts = self.session.lasts(self.index)
         index = self.session.frame_indices[self.index, :lasts]
-        # A temporary copy: speed matters more than size.
-        with VideoWriter(self.proxy, *size, fps=self.session.fps, preset="ultrafast") as writer:
-            for frames in read_chunks(video, index, watch=watch):
+        smaller, stretched = times_halved(video.width, video.height), False
+        with CopyWriter(self.copies) as copies:
+            for frames in read_chunks(video, index, watch=watch, reuse=True):
                 if self.stop.is_set():
                     raise Stopped
-                for frame in frames:
-                    repeats.add(writer.write(frame))
-                    stretch_contrast(frame)
-                estimator.process(frames)
+                half = np.stack([halved(frame) for frame in frames]) if smaller else None
+                for k, frame in enumerate(frames):
+                    repeats.add(frame if half is None else half[k])
+                    if half is not None:
+                        copies.add(_averaged(half[k], smaller - 1))
+                    if stretch_contrast(frame):
+                        stretched = True
+                        if half is not None:
+                            half[k] = halved(frame)
+                estimator.process(frames, half, not repeats.among_last(len(frames)))
                 self.task.advance(len(frames))
         self.task.advance(self.session.frames - lasts)
         tracks = estimator.finish()
@@ -297,8 +317,16 @@ class _CameraWork:
         unreadable = np.append(damaged[index[: tracks.frames]], np.ones(rest, np.bool_))
         others = {
             _REPEATS: confirmed, _STILL_FROM: np.array(still_from), _DAMAGED: damaged, _UNREADABLE: unreadable,
+            _COPY_ENDS: copies.ends,
         } | ({} if plate is None else {_PLATE: plate})  # fmt: skip
-        return without_frames(with_rest(tracks, rest), unreadable), others
+        facts = {_COPY_SCALE: 2**smaller, _STRETCHED: stretched}
+        return without_frames(with_rest(tracks, rest), unreadable), others, facts
+
+
+def _averaged(image: ByteArray, times: int) -> ByteArray:
+    for _ in range(times):
+        image = halved(image)
+    return image
 
 
 def _tracks(stage: StageResult, models: Models) -> CameraTracks:

@@ -29,17 +29,18 @@ def stretch_frames(chunks: Iterable[ByteArray]) -> Iterator[ByteArray]:
         yield frames
 
 
-def stretch_contrast(frame: ByteArray) -> None:
+def stretch_contrast(frame: ByteArray) -> bool:
     """Stretch the values of a frame (H, W, 3), in place, where their range is too small: all channels alike, downwards
-    from the brightest value, or upwards from black where that leaves no room."""
+    from the brightest value, or upwards from black where that leaves no room; whether they were."""
     few = frame[:: max(1, frame.shape[0] // _ENOUGH), :: max(1, frame.shape[1] // _ENOUGH)]
     share = np.bincount(few.reshape(-1), minlength=256).cumsum() / few.size
     low, high = (int(value) for value in np.searchsorted(share, [_BEYOND, 1 - _BEYOND]))
     if high - low >= _SPAN:
-        return
+        return False
     gain = min(_SPAN / max(high - low, 1), _MOST)
     values = (np.arange(256) - low) * gain + max(high - (high - low) * gain, 0.0)
     cv2.LUT(frame, values.round().clip(0, 255).astype(np.uint8), dst=frame)
+    return True
 
 
 def brighten_crops(crops: ByteArray) -> None:

@@ -47,6 +47,10 @@ class RepeatedFrames:
         self._repeats.append(same)
         self._last = self._last if same else coarse
 
+    def among_last(self, count: int) -> bool:
+        """Whether any of the last `count` frames repeats the one before."""
+        return any(self._repeats[-count:])
+
     @property
     def still_from(self) -> int:
         """The frame from which all to the end repeat the one before; the number of frames if none do."""

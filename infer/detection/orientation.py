@@ -126,7 +126,7 @@ class Letterbox:
         return int(width), int(height)
 
     def apply(self, frame: ByteArray) -> ByteArray:
-        """(H, W, 3) to the canvas."""
+        """(H, W, 3) to the canvas; the frame may be given averaged down."""
         shrinks = max(self.upright.width, self.upright.height) >= self.long_side
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
         small = cv2.resize(_halved(frame, self.long_side), self._scaled, interpolation=method)

@@ -39,6 +39,8 @@ class KeypointOptions:
         refine_crop: crop again where the landmarks' own box differs from the detector's, and keep the result of higher
             confidence.
         refine_change: how much it has to differ, in centre or size, relative to the box.
+        most_fps: frames per second in which landmarks are read, the others being interpolated unless people move fast;
+            None for all frames. Set in a first pass over views that are all read again.
         min_confidence: mean score from which landmarks count as evidence of a person. A track with less over all its
             frames is dropped, whatever the detector reports, unless there is no better one.
     """
@@ -48,6 +50,7 @@ class KeypointOptions:
     onnx: OnnxOptions = field(default_factory=OnnxOptions)
     refine_crop: bool = True
     refine_change: float = 0.15
+    most_fps: float | None = None
     min_confidence: float = 0.4
 
 
@@ -111,11 +114,13 @@ class PoseEstimator:
         """The body landmarks that the network finds."""
         return self._network.landmarks
 
-    def process(self, frames: ByteArray) -> None:
+    def process(self, frames: ByteArray, half: ByteArray | None = None, thin: bool = True) -> None:
         """Process the next frames.
 
         Args:
             frames: (n, H, W, 3) RGB, any n, the same size in every call.
+            half: the same averaged over two by two pixels, where that is at hand.
+            thin: landmarks of some frames may be interpolated (see `KeypointOptions.most_fps`).
 
         Raises:
             ValueError: frames of another type, or of another size than before or than the camera's.
@@ -129,7 +134,8 @@ class PoseEstimator:
         if (width, height) != (upright.width, upright.height):
             raise ValueError(f"frames of {width}x{height} px after others of {upright.width}x{upright.height}")
         for start in range(0, len(frames), _FRAMES_AT_ONCE):
-            self._process_part(frames[start : start + _FRAMES_AT_ONCE], self._parts)
+            part = slice(start, start + _FRAMES_AT_ONCE)
+            self._process_part(frames[part], None if half is None else half[part], self._parts, thin)
 
     def _start(self, width: int, height: int) -> _Parts:
         """The parts that depend on the size of the frames."""
@@ -144,7 +150,7 @@ class PoseEstimator:
         backdrop = BackgroundModel(letterbox, people.background)
         return _Parts(
             backdrop,
-            PeopleDetector(self._people, letterbox, people),
+            PeopleDetector(self._people, letterbox, people, self._fps),
             Tracker(upright.bounds, self._options.track, self._fps),
             PoseReader(self._network, camera, upright, backdrop, self._fps),
         )
@@ -156,7 +162,7 @@ class PoseEstimator:
 
     def finish(self) -> CameraTracks:
         """Everything detected so far; T is the number of frames processed, P the number of slots used."""
-        passes = -(-self._frames // self._options.people.every)
+        passes = 0 if self._parts is None else self._parts.detector.passes
         min_seen = min(self._options.track.min_seen, passes)
         least = min_seen, self._options.min_confidence
         return _assemble(self._found, self._frames, self._network.sets, least)
@@ -172,10 +178,10 @@ class PoseEstimator:
         found = [f._replace(frame=f.frame - first) for f in found]
         return _assemble(found, self._frames - first, self._network.sets, (0, 0.0))
 
-    def _process_part(self, frames: ByteArray, parts: _Parts) -> None:
+    def _process_part(self, frames: ByteArray, half: ByteArray | None, parts: _Parts, thin: bool) -> None:
         backdrop, detector, tracker, reader = parts
-        small = backdrop(frames)
-        pictures = Pictures(frames, small)
+        small = backdrop(frames if half is None else half)
+        pictures = Pictures(frames, small, half)
         tracked = [tracker.step(detected) for detected in detector(small)]
         boxes = self._smoother(tracked)
         ids = np.stack([t.ids for t in tracked])
@@ -186,7 +192,9 @@ class PoseEstimator:
         if not len(frame):
             return
         options, track = self._options, ids[frame, slot]
-        poses = reader(pictures, frame, track, boxes[frame, slot])
+        most = options.most_fps
+        every = max(1, int(self._fps / most)) if thin and most is not None else 1
+        poses = reader.thinly(pictures, frame, track, boxes[frame, slot], every)
         if options.refine_crop:
             poses = reader.refined(pictures, frame, track, poses, options.min_confidence, options.refine_change)
         missed = np.stack([t.missed for t in tracked])[frame, slot]

@@ -15,15 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, IndexArray, IntArray
+from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.geometry.sync.clocks import own_frames, resample_keypoints
-from muybridge.infer.detection.crop_reader import Pictures, PoseReader, body_boxes, join_poses
+from muybridge.infer.detection.crop_reader import Pictures, PoseReader, Poses, body_boxes, join_poses
 from muybridge.infer.detection.detect import CODE, CameraResult, DetectOptions
 from muybridge.infer.detection.exposure import stretch_frames
 from muybridge.infer.detection.orientation import orientation_for
-from muybridge.infer.detection.resample import resample_tracks
+from muybridge.infer.detection.resample import (
+    enough_rows,
+    interpolate_poses,
+    resample_tracks,
+    runs_of,
+    scatter_poses,
+)
 from muybridge.infer.detection.tracks import first_frames, merge_tracks, with_slots
 from muybridge.infer.networks.external import open_keypoints
 from muybridge.infer.networks.keypoints import Expectation
@@ -37,6 +43,8 @@ from muybridge.infer.session.video import read_chunks
 
 # Prefix of arrays that were read without a prior.
 _ALONE = "alone."
+# A crop may be this much finer than the copy that it is cut from.
+_FINE_ENOUGH = 0.9
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,7 @@ class RefinementOptions:
 
     Attributes:
         enabled: read views again.
+        most_fps: frames per second that are read of people who move slowly; the others are interpolated.
         everywhere: in every view, not only in those that lack the person: more accurate landmarks for twice the
             network's time.
         expected_sd: standard deviation of the prior on a landmark, in sides of the crop. It is wide, so that it decides
@@ -57,6 +66,7 @@ class RefinementOptions:
 
     enabled: bool = True
     everywhere: bool = True
+    most_fps: float = 30.0
     expected_sd: float = 0.08
     expected_most: float = 2.0
     min_known: float = 0.5
@@ -210,6 +220,20 @@ class TopDownRefinement:
         """The camera's own frames for frames of the session."""
         return own_frames(self.session.clocks, c, frames, self.session.fps, self.detected[c].tracks.frames)
 
+    def _every(self, c: int) -> int:
+        """In which frames a camera is read; in all where some are repeats of others."""
+        if self.session.clocks is not None or self.detected[c].own_repeats.any():
+            return 1
+        return max(1, int(self.session.fps / self.options.most_fps))
+
+    def _copies_scale(self, c: int, reader: PoseReader, boxes_px: FloatArray) -> int:
+        """The scale of the copies that show the boxes (K, 4) of a camera as well as its frames do; 1 where they do
+        not, or there are none."""
+        scale = self.detected[c].copies_scale
+        if scale < 2 or self.detected[c].stretched or not len(boxes_px):
+            return 1
+        return scale if reader.coarseness(boxes_px).min() >= _FINE_ENOUGH * scale else 1
+
     def _read(
         self, c: int, wanted: IndexArray, expected: Points3D, number: str, task: Task, stop: threading.Event
     ) -> StageResult:
@@ -236,19 +260,30 @@ class TopDownRefinement:
         # The crop covers the part of the person within the image.
         within = np.clip(predicted, 0, [camera.width - 1, camera.height - 1])
         boxes = body_boxes(reader.upright.to_upright(within), network.landmarks)
-        frames, order = np.unique(own, return_inverse=True)
+        chosen = enough_rows(own, predicted, boxes, self._every(c))
+        frames, order = np.unique(own[chosen], return_inverse=True)
+        looked = np.flatnonzero(chosen)
         parts, begin = [], 0
-        for chunk in stretch_frames(read_chunks(self.session.videos[c], self.session.frame_indices[c][frames])):
+        scale = self._copies_scale(c, reader, boxes)
+        if scale > 1:
+            chunks = self.detected[c].read_copies(frames)
+        else:
+            indices = self.session.frame_indices[c][frames]
+            chunks = stretch_frames(read_chunks(self.session.videos[c], indices, reuse=True))
+        for chunk in chunks:
             if stop.is_set():
                 raise Stopped
             here = np.flatnonzero((order >= begin) & (order < begin + len(chunk)))
-            where = Expectation(predicted[here], self.options.expected_sd, self.options.expected_most)
-            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None)
-            parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[here], where)))
+            where = Expectation(predicted[looked[here]], self.options.expected_sd, self.options.expected_most)
+            pictures = Pictures(chunk, backdrop(chunk) if network.channels > 3 else None, scale=scale)
+            parts.append((here, reader.expecting(pictures, order[here] - begin, boxes[looked[here]], where)))
             begin += len(chunk)
             task.advance(len(here))
         back = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
-        poses, alone = (join_poses(each).select(back) for each in zip(*(both for _, both in parts), strict=True))
+        poses, alone = (
+            _completed(join_poses(each).select(back), own, chosen, boxes)
+            for each in zip(*(both for _, both in parts), strict=True)
+        )
         away = np.linalg.norm(poses.body.points_px - predicted, axis=-1)
         side = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
         near = row_median(away, 1) < self.options.max_distance * side  # never where no landmark is in both
@@ -258,3 +293,13 @@ class TopDownRefinement:
         for field in ("points_px", "variance_px2", "score"):
             arrays[f"{_ALONE}{name_of_body}.{field}"] = getattr(alone.body, field)
         return self.store.save(name, key, arrays, {}, time.perf_counter() - start)
+
+
+def _completed(poses: Poses, frames: IndexArray, read: BoolArray, boxes_px: FloatArray) -> Poses:
+    """Poses in all `frames` (n,), of which those `read` (n,) have been read, interpolated between these."""
+    if read.all():
+        return poses
+    whole = scatter_poses(poses, read, boxes_px)
+    for run in runs_of(frames):
+        interpolate_poses(whole, run, read[run])
+    return whole

@@ -100,7 +100,9 @@ class Tracker:
         self._velocity = np.zeros((slots, 2))
         self._ids = np.full(slots, -1, dtype=np.int64)
         self._hits = np.zeros(slots, dtype=np.int64)
-        self._misses = np.zeros(slots, dtype=np.int64)
+        self._misses = np.zeros(slots, dtype=np.int64)  # frames since the last detection, as far as known
+        self._covered = np.zeros(slots, dtype=np.int64)  # frames during which the track was detected
+        self._since = 0  # frames since the last pass of the detector
         self._gap = np.zeros(slots, dtype=np.int64)  # frames since the box was last known
         self._ended_at = np.full(slots, -1, dtype=np.int64)
         self._score = np.zeros(slots)  # running mean of the detections' scores, zero where missed
@@ -110,6 +112,7 @@ class Tracker:
     def step(self, detected: DetectedPeople | None) -> TrackedFrame:
         """Advance by one frame; None if the detector skipped it."""
         self._clock += 1
+        self._since += 1
         self._gap += 1
         self._boxes += np.tile(self._velocity, 2)
         seen = np.zeros(len(self._ids), dtype=np.bool_)
@@ -124,6 +127,7 @@ class Tracker:
                     slot = self._start(detected.boxes_px[index], float(detected.scores[index]))
                     if slot is not None:
                         seen[slot] = True
+            self._since = 0
         self._end(self._outside() & (self._ids >= 0))
         active = self._ids >= 0
         return TrackedFrame(self._boxes.copy(), self._ids.copy(), seen & active, active & (self._misses > 0))
@@ -159,13 +163,14 @@ class Tracker:
         self._boxes[slots] = boxes
         self._score[slots] += _SCORE_GAIN * (scores - self._score[slots])
         self._hits[slots] += 1
+        self._covered[slots] += self._since
         self._misses[slots] = self._gap[slots] = 0
 
     def _miss(self, slots: BoolArray) -> None:
-        self._misses[slots] += 1
+        self._misses[slots] += self._since
         self._score[slots] *= 1 - _SCORE_GAIN
         self._velocity[slots] *= _VELOCITY_DECAY
-        self._end(slots & (self._misses > np.minimum(self._coast, self._hits)))
+        self._end(slots & (self._misses > np.minimum(self._coast, self._covered)))
 
     def _start(self, box: FloatArray, score: float) -> int | None:
         """Start a track in the slot that was free longest; None if there is none or it is a duplicate.
@@ -184,6 +189,7 @@ class Tracker:
         slot = int(free[np.argmin(self._ended_at[free])])
         self._boxes[slot], self._velocity[slot] = box, 0.0
         self._ids[slot], self._hits[slot], self._score[slot] = self._started, 1, score
+        self._covered[slot] = self._since
         self._misses[slot] = self._gap[slot] = 0
         self._started += 1
         return slot

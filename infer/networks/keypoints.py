@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import onnxruntime
 
-from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray
+from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.sets import LandmarkSet
 from muybridge.models.keypoints.decode import NO_IDEA, WITHHELD, DecodedHeatmaps, with_expectation
@@ -27,7 +27,14 @@ from muybridge.models.keypoints.metadata import (
     crop_side,
     keypoint_card,
 )
-from muybridge.models.keypoints.test_time import LEAST, Series, augment_at_test_time, mean_of_mirrored
+from muybridge.models.keypoints.test_time import (
+    LEAST,
+    WORTH_MIRRORING,
+    Series,
+    augment_at_test_time,
+    crop_uncertainty,
+    mean_of_mirrored,
+)
 from muybridge.models.metadata_reader import metadata_of
 from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
@@ -47,7 +54,7 @@ class OnnxOptions:
         threads: threads within one network.
         batch: images per call; it bounds memory, and speed hardly depends on it.
         flip: run the keypoint network on the mirrored crop too and average: more accurate, twice the time. By default
-            with muybridge's 8-bit networks, which take half the time.
+            with muybridge's 8-bit networks, which take half the time, on crops of which the first reading is not sure.
         size: side of the keypoint network's crops relative to the one at which it is most accurate; smaller crops are
             faster. By default 1, and less in a first pass over views that are all read again.
         turn: test-time augmentation of the keypoint network: people seen in part are also read smaller, crops of low
@@ -141,6 +148,7 @@ class KeypointNetwork:
         self.channels = 3 if plate is None else 4
         self.metadata = dict(self.card.metadata)
         self._flip = self.metadata.get("precision") == "int8" if options.flip is None else options.flip
+        self._flip_all = options.flip is True
 
     @property
     def landmarks(self) -> LandmarkSet:
@@ -170,24 +178,37 @@ class KeypointNetwork:
             series: which crops follow each other in a track, so that not all are augmented.
         """
         card = self.card
-        maps = self(crops)
+        maps, mirrored = self._read(crops)
         if self._options.turn:
             alone = augment_at_test_time(self, crops, maps, card, 1, series, tilt=self._flip)
         else:
             alone = card.decode(maps[0])
         heatmaps, visibility, *markers = maps
-        alone = card.scale_variance(alone, visibility, self._flip)
+        alone = card.scale_variance(alone, visibility, mirrored)
         further = {}
         if markers:
-            further[self.sets[1].name] = _known(card.decode_markers(markers[0], markers[1], self._flip))
+            further[self.sets[1].name] = _known(card.decode_markers(markers[0], markers[1], mirrored))
         nothing = alone.score < WITHHELD
         if expected is None:
             return Located(_known(alone, nothing), visibility, further)
         sd_px = expected.sd * crops.shape[1]
         heatmaps = with_expectation(heatmaps, card.stride, expected.points_px, sd_px, expected.most)
-        found = card.scale_variance(card.decode(heatmaps), visibility, self._flip, alone.score)
+        found = card.scale_variance(card.decode(heatmaps), visibility, mirrored, alone.score)
         # An uninformative map would otherwise return the prior.
         return Located(_known(found, nothing), visibility, further, _known(alone, nothing))
+
+    def _read(self, crops: ByteArray) -> tuple[list[Float32Array], BoolArray]:
+        """The maps of crops as `__call__` gives them, mirrored where that is wanted, and (N,) where it was."""
+        mirrored = np.full(len(crops), self._flip)
+        if not self._flip or self._flip_all:
+            return self(crops), mirrored
+        maps = self._maps(crops, [crops])
+        mirrored = crop_uncertainty(self.card.decode(maps[0]), crops.shape[1]) > WORTH_MIRRORING
+        if mirrored.any():
+            unsure = crops[mirrored]
+            for k, (out, other) in enumerate(zip(maps, self._maps(unsure, [unsure[:, :, ::-1]]), strict=True)):
+                out[mirrored] = mean_of_mirrored(out[mirrored], other, self._twins(k))
+        return maps, mirrored
 
     def __call__(self, crops: ByteArray) -> list[Float32Array]:
         """Run the network.
@@ -204,13 +225,18 @@ class KeypointNetwork:
         if size % SIDE_MULTIPLE or crops.shape[1:] not in {(size, size, channels) for channels in (3, self.channels)}:
             wanted = f"(N, S, S, {self.channels}), S a multiple of {SIDE_MULTIPLE}"
             raise ValueError(f"crops must be {wanted}, not {crops.shape}")
+        return self._maps(crops, self._views(crops))
+
+    def _maps(self, crops: ByteArray, views: list[ByteArray]) -> list[Float32Array]:
+        """The maps of crops (N, S, S, C) averaged over `views` of them: themselves and, second, mirrored; or one."""
+        size = crops.shape[1]
         cells = size // self.card.stride
         maps = []
         for each in self.sets:
             maps.append(np.empty((len(crops), len(each), cells, cells), dtype=np.float32))
             maps.append(np.empty((len(crops), len(each)), dtype=np.float32))
         for part in batches(len(crops), self._options.batch):
-            found, *mirrored = [self._run(c) for c in self._views(crops[part])]
+            found, *mirrored = [self._run(view[part]) for view in views]
             for out, once in zip(maps, found, strict=True):
                 if once.shape != out[part].shape:
                     raise ModelError(f"{self.path}: an output has the shape {once.shape}, and its metadata mean "
@@ -218,8 +244,12 @@ class KeypointNetwork:
                 out[part] = once
             for other in mirrored:
                 for k, out in enumerate(maps):
-                    out[part] = mean_of_mirrored(out[part], other[k], np.array(self.sets[k // 2].mirror))
+                    out[part] = mean_of_mirrored(out[part], other[k], self._twins(k))
         return maps
+
+    def _twins(self, k: int) -> IndexArray:
+        """(J,) each landmark's counterpart on the other side, of the set that the map k belongs to."""
+        return np.array(self.sets[k // 2].mirror, dtype=np.intp)
 
     def _views(self, crops: ByteArray) -> list[ByteArray]:
         """The crops and, where that is wanted, the mirrored ones."""

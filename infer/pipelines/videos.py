@@ -35,6 +35,7 @@ from muybridge.infer.results.provenance import calibration_facts, session_facts,
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
 from muybridge.infer.runtime.digests import digest
+from muybridge.infer.runtime.presets import Preset, with_preset
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import opencv_in_one_thread
@@ -56,21 +57,27 @@ class RunOptions:
     """Every stage's options.
 
     Attributes:
+        preset: how much time is spent for how accurate a result; it sets what other options leave at their defaults.
         session: how the session folder is read.
         detect: 2D landmarks.
         solve: 3D points and motion.
         refinement: when a person's views are read again with crops predicted from 3D.
         overlay: the videos with landmarks and skeleton overlaid.
+        overlays: write those videos; a later run with the same options writes only what is missing.
+        diagnose: look for a camera that was turned or moved, is out of step or has the wrong lens.
         refine_cameras: refine the cameras' poses from the person first.
         world: axes of the results: those of the `calibration`, or turned `upright` where its Z axis is not up.
         overwrite: replace files of our names in the results folder that muybridge did not write.
     """
 
+    preset: Preset = "balanced"
     session: SessionOptions = field(default_factory=SessionOptions)
     detect: DetectOptions = field(default_factory=DetectOptions)
     solve: SolveOptions = field(default_factory=SolveOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     overlay: OverlayOptions = field(default_factory=OverlayOptions)
+    overlays: bool = True
+    diagnose: bool = True
     refine_cameras: bool = False
     world: Literal["calibration", "upright"] = "calibration"
     overwrite: bool = False
@@ -158,6 +165,7 @@ def run_session(
         MuybridgeError: of some kind, for everything that the user can fix. Everything that can be known beforehand is
             checked before the first frame is processed and before anything is written.
     """
+    options = with_preset(options, options.preset, RunOptions())
     session = open_session(path, options.session)
     models = open_models(options.detect)
     files = file_names(session.cameras.names)
@@ -206,7 +214,7 @@ def _write(
     contacts = write_people(run, solution, options.detect.markers)
     characters = {} if character is None or solution.motion is None else character.put_on(run)
     thumbnails = write_overlays(
-        run, session, files, followed.detected, solution, options.overlay, options.detect.workers
+        run, session, files, followed.detected, solution, options.overlay, options.detect.workers, options.overlays
     )
     shared: dict[str, Any] = {
         "cameras": session.cameras, "warnings": session.notices, "timings_s": run.timings_s,
@@ -289,7 +297,7 @@ def _judge_cameras(
         session, stages[refine_cameras.STAGE] = refine_cameras.refine(session, keypoints, key, store, progress)
         key = digest(key, session.cameras.cameras)
     judged, stages[judge_calibration.STAGE] = judge_calibration.judge(
-        session.cameras, keypoints, session.fps, key, store, progress
+        session.cameras, keypoints, session.fps, key, store, progress, options.diagnose
     )
     return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
 

@@ -3,20 +3,22 @@
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.association.select import select_person, take_person
+from muybridge.geometry.association.options import TrackingOptions
+from muybridge.geometry.association.select import take_person
 from muybridge.geometry.calibration.diagnosis.findings import DiagnosisOptions
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality, check_take
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D
+from muybridge.infer.reconstruction.person_stages import select_once
 
 _HARDLY = 0.2  # share of frames below which the association has failed for a camera
 _RARELY = 0.05  # share of frames in which a camera may see two people where the take is of one person
 
 
 def check_keypoints(
-    cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions, fps: float
+    cameras: CameraGroup, keypoints: Keypoints2D, options: DiagnosisOptions | None, fps: float
 ) -> CalibrationQuality:
-    """The quality of a calibration by the landmarks of one tracked person.
+    """The quality of a calibration by the landmarks of one tracked person, diagnosed with the options, if any.
 
     Raises:
         SessionError: nobody was found.
@@ -36,7 +38,7 @@ def person_to_check(cameras: CameraGroup, keypoints: Keypoints2D, fps: float) ->
     Returns:
         (C, T, J, 2) px and (C, T, J) variances.
     """
-    selection = select_person(cameras, keypoints, fps=fps)
+    selection = select_once(cameras, keypoints, TrackingOptions(), fps)
     points_px, variance_px2, _ = take_person(keypoints, selection)
     points_px, variance_px2 = points_px.copy(), variance_px2.copy()
     found = np.asarray(np.isfinite(keypoints.variance_px2).any(axis=-1))

@@ -23,12 +23,15 @@ from muybridge.infer.runtime.stages import StageResult, StageStore
 _log = logging.getLogger(__name__)
 
 STAGE = "calibration"
+# Frames in which a run looks for faults of cameras; `muybridge calibrate check` takes more.
+_FRAMES = 48
 _FIGURES = ("count", "residual_px", "p95_px", "leave_one_out_px", "focal_sd", "position_sd")
 
 
 def judge(
-    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, inputs: str, store: StageStore, progress: Progress
-) -> tuple[CalibrationQuality | None, StageResult | None]:
+    cameras: CameraGroup, keypoints: Keypoints2D, fps: float, inputs: str, store: StageStore, progress: Progress,
+    diagnose: bool = True,
+) -> tuple[CalibrationQuality | None, StageResult | None]:  # fmt: skip
     """The quality of the calibration by a take's landmarks; None where there is nobody to judge it by.
 
     Args:
@@ -38,14 +41,15 @@ def judge(
         inputs: digest of what the keypoints were made from.
         store: where finished stages are.
         progress: receives progress messages.
+        diagnose: look for faults of single cameras too.
     """
-    key = digest(STAGE, inputs, fps, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
+    key = digest(STAGE, inputs, fps, diagnose, code_digest("muybridge.geometry", "muybridge.infer.reconstruction"))
     stored = store.load(STAGE, key)
     if stored is not None:
         return unpack_quality(cameras, stored.arrays, stored.facts), stored
     start = time.perf_counter()
     try:
-        quality = check_keypoints(cameras, keypoints, DiagnosisOptions(), fps)
+        quality = check_keypoints(cameras, keypoints, DiagnosisOptions(max_frames=_FRAMES) if diagnose else None, fps)
     except MuybridgeError as error:
         _log.info("the calibration was not judged: %s", error)
         return None, None

@@ -1,6 +1,7 @@
 """What the stages of one person compute: functions of arrays, without the store."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.options import TrackingOptions
-from muybridge.geometry.association.select import select_person, take_slots
+from muybridge.geometry.association.select import PersonSelection, select_person, take_slots
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Keypoints2D, Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
@@ -29,11 +30,33 @@ def landmarks_in_slots(keypoints: Keypoints2D, slots: IntArray) -> dict[str, NDA
     return {"slots": slots, "points_px": points_px, "variance_px2": variance_px2, "score": score}
 
 
+@dataclass(frozen=True, eq=False)
+class _Selected:
+    cameras: CameraGroup
+    keypoints: Keypoints2D
+    given: tuple[TrackingOptions, float]
+    selection: PersonSelection
+
+
+_latest: _Selected | None = None
+
+
+def select_once(cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions, fps: float) -> PersonSelection:
+    """`select_person`, whose result for the latest arguments is remembered: the calibration is judged by the same
+    person whose motion is computed next."""
+    global _latest
+    known, given = _latest, (options, fps)
+    if known is None or known.cameras is not cameras or known.keypoints is not keypoints or known.given != given:
+        known = _Selected(cameras, keypoints, given, select_person(cameras, keypoints, options, fps))
+        _latest = known
+    return known.selection
+
+
 def person_of_interest(
     cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions, fps: float
 ) -> tuple[Arrays, Facts]:
     """The person of interest's landmarks, and the slots (N, C, T) of the `others`."""
-    selection = select_person(cameras, keypoints, options, fps)
+    selection = select_once(cameras, keypoints, options, fps)
     others = [p.slots for p in selection.people[1:] if p.rank > 0]
     arrays = landmarks_in_slots(keypoints, selection.slots)
     arrays["others"] = np.array(others, dtype=np.int64).reshape(-1, *selection.slots.shape)

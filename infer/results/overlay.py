@@ -30,7 +30,7 @@ class OverlayOptions:
     """
 
     crf: int = 24
-    preset: Preset = "veryfast"
+    preset: Preset = "superfast"
     legend: bool = True
     thumbnail_side_px: int = 480
     thumbnail_quality: int = 72

@@ -9,6 +9,7 @@ Shapes: `T` frames, `J` landmarks.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -76,6 +77,7 @@ class OverlayData:
                 raise ValueError(f"{name} has shape {array.shape}, expected {shape} (T, J, ...)")
 
 
+@cache
 def colour_of(*names: str) -> Colour:
     """Colour of a landmark, or of a bone by the names of its ends; middle unless all agree on a side."""
     sides = {side_of(name) for name in names}
@@ -128,9 +130,10 @@ def _scaled(points_px: FloatArray, scale: float | tuple[float, float]) -> FloatA
 
 def _fixed(point: FloatArray) -> tuple[int, int] | None:
     """A point in cv2's fixed-point coordinates; None if missing or too far outside for cv2."""
-    if not np.all(np.isfinite(point)) or np.abs(point).max() > 1e5:
+    x, y = float(point[0]), float(point[1])
+    if not (abs(x) <= 1e5 and abs(y) <= 1e5):  # NaN too; a call of numpy for two numbers takes ten times as long
         return None
-    return round(float(point[0]) * (1 << _SHIFT)), round(float(point[1]) * (1 << _SHIFT))
+    return round(x * (1 << _SHIFT)), round(y * (1 << _SHIFT))
 
 
 def _line(image: ByteArray, a: FloatArray, b: FloatArray, colour: Colour, width: float) -> None:
@@ -197,10 +200,14 @@ def _text(image: ByteArray, text: str, at: tuple[int, int], size: float, colour:
     return int(cv2.getTextSize(text, font, height, width)[0][0])
 
 
+_SHADES = (np.arange(256) * 0.3).astype(np.uint8)
+
+
 def _shade(image: ByteArray, top: int, bottom: int) -> None:
     """Darken a band of rows, so that text on it is legible on any image."""
     band = image[max(top, 0) : bottom]
-    band[:] = (band * 0.3).astype(np.uint8)
+    if band.size:
+        cv2.LUT(band, _SHADES, dst=band)
 
 
 def _draw_caption(

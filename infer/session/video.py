@@ -28,8 +28,9 @@ def chunk_frames(info: VideoInfo) -> int:
 
 
 def read_chunks(
-    info: VideoInfo, indices: IntArray | None = None, threads: int = 1, watch: DamageWatch | None = None
-) -> Iterator[ByteArray]:
+    info: VideoInfo, indices: IntArray | None = None, threads: int = 1, watch: DamageWatch | None = None,
+    reuse: bool = False,
+) -> Iterator[ByteArray]:  # fmt: skip
     """Decode a video once, in order, in chunks of bounded memory.
 
     Args:
@@ -37,9 +38,10 @@ def read_chunks(
         indices: (T,) frames to deliver, never decreasing (repeats allowed); default all.
         threads: decoder threads.
         watch: is told of every frame that is decoded, so that it knows the damaged ones at the end.
+        reuse: give each chunk in the memory of the one before, which is faster.
 
     Yields:
-        (n, H, W, 3) RGB; the caller may keep the chunks.
+        (n, H, W, 3) RGB; the caller may keep the chunks, unless they are reused.
 
     Raises:
         VideoError: a frame cannot be decoded, or a container that lists its frames ends early. Where the container
@@ -48,6 +50,7 @@ def read_chunks(
     wanted = np.arange(info.frames) if indices is None else np.asarray(indices)
     size = chunk_frames(info)
     buffer: ByteArray | None = None
+    spare: ByteArray | None = None
     filled = delivered = decoded = 0
     for decoded, frame in enumerate(_decode(info, threads), start=1):
         repeats = int(np.searchsorted(wanted, decoded - 1, side="right")) - delivered
@@ -56,13 +59,15 @@ def read_chunks(
         if repeats > 0:
             image = _to_rgb(frame, info)
         for _ in range(repeats):
+            if buffer is None and spare is not None:
+                buffer, spare = spare[: len(wanted) - delivered], None
             if buffer is None:
                 buffer = np.empty((min(size, len(wanted) - delivered), *image.shape), np.uint8)
             buffer[filled] = image
             filled, delivered = filled + 1, delivered + 1
             if filled == len(buffer):
                 yield buffer
-                buffer, filled = None, 0
+                buffer, filled, spare = None, 0, buffer if reuse else None
         if delivered == len(wanted):
             return
     if buffer is not None:

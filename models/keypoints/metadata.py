@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.arrays import Float32Array, FloatArray, IndexArray
+from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from muybridge.errors import ModelError, parsing
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.landmarks.sets import BODY23, LandmarkSet
@@ -71,7 +71,7 @@ class KeypointModelCard:
         return decode_heatmaps(heatmaps, self.stride, self.spread, self._twins)
 
     def scale_variance(
-        self, found: DecodedHeatmaps, visibility: Float32Array, mirrored: bool,
+        self, found: DecodedHeatmaps, visibility: Float32Array, mirrored: bool | BoolArray,
         score: FloatArray | None = None,
     ) -> DecodedHeatmaps:  # fmt: skip
         """The landmarks with variances that account for visibility, mirroring and partly visible people.
@@ -79,13 +79,15 @@ class KeypointModelCard:
         Args:
             found: N crops' landmarks.
             visibility: (N, J) logits.
-            mirrored: whether outputs were averaged with those of the mirrored crops.
+            mirrored: whether outputs were averaged with those of the mirrored crops, of all or (N,) of each.
             score: (N, J) which decide which crops show part of a person; the landmarks' own by default. Needed where
                 those are of maps that were combined with an expectation.
         """
         return _scale_variance(found, self.spread, visibility, mirrored, found.score if score is None else score)
 
-    def decode_markers(self, heatmaps: Float32Array, visibility: Float32Array, mirrored: bool) -> DecodedHeatmaps:
+    def decode_markers(
+        self, heatmaps: Float32Array, visibility: Float32Array, mirrored: bool | BoolArray
+    ) -> DecodedHeatmaps:
         """Virtual markers from heatmaps (N, M, h, w) and visibility logits (N, M), with variances as in
         `scale_variance`.
 
@@ -104,10 +106,10 @@ class KeypointModelCard:
 
 
 def _scale_variance(
-    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: Float32Array, mirrored: bool,
+    found: DecodedHeatmaps, spread: SpreadCalibration, visibility: Float32Array, mirrored: bool | BoolArray,
     score: FloatArray,
 ) -> DecodedHeatmaps:  # fmt: skip
-    ratio = spread.ratio(sigmoid(visibility), mirrored, in_part(score)[:, None])
+    ratio = spread.ratio(sigmoid(visibility), np.asarray(mirrored)[..., None], in_part(score)[:, None])
     return found._replace(variance_crop_px2=found.variance_crop_px2 * ratio)
 
 

@@ -34,6 +34,8 @@ _UNCERTAIN, _GAIN = 2.85, 0.6
 # box (both relative to the crop's); the mean of all readings, each with its inverse variance as weight, is used.
 _STILL_UNCERTAIN, _TILT = 2.05, np.radians(14.0)
 _SMALLER, _TIGHTER = 3 / 4, 0.85
+# Crops more uncertain than this are worth a mirrored reading.
+WORTH_MIRRORING = 0.0
 
 
 class Series(NamedTuple):
@@ -80,14 +82,14 @@ def augment_at_test_time(
         for out, found in zip(maps, at_side(read, int(side), rows)(crops[here]), strict=True):
             out[here] = found
     _update_decoded(decoded, maps, card, small)
-    limit = _uncertainty(decoded, size)
+    limit = crop_uncertainty(decoded, size)
     (uncertain,) = np.nonzero((limit > _UNCERTAIN) & ~in_part(decoded.score))
     quarters = _rotate(read, crops, maps, card, rows, limit - _GAIN, uncertain, series)
     (changed,) = np.nonzero(quarters)
     _update_decoded(decoded, maps, card, changed)
     if not tilt:
         return decoded
-    (uncertain,) = np.nonzero(_uncertainty(decoded, size, in_part(decoded.score)) > _STILL_UNCERTAIN)
+    (uncertain,) = np.nonzero(crop_uncertainty(decoded, size, in_part(decoded.score)) > _STILL_UNCERTAIN)
     sides[changed] = size
     for side in np.unique(sides[uncertain]):
         here = uncertain[sides[uncertain] == side]
@@ -117,7 +119,7 @@ def _rotate(
         if not len(tried):
             return
         rotated = read(np.rot90(crops[tried], turn, axes=(rows, rows + 1)))
-        value = _uncertainty(card.decode(rotated[0]), crops.shape[rows])
+        value = crop_uncertainty(card.decode(rotated[0]), crops.shape[rows])
         better_here = value < limit[tried]
         better = tried[better_here]
         limit[better], quarters[better] = value[better_here], turn
@@ -244,11 +246,12 @@ def _neighbours_in_series(uncertain: IndexArray, series: Series | None) -> tuple
         (here,) = np.nonzero(number == each)
         place = np.arange(len(here))
         before[here] = uncertain[here[place // series.every * series.every]]
-        after[here] = uncertain[here[np.minimum(-(-place // series.every) * series.every, len(here) - 1)]]
+        following = -(-place // series.every) * series.every
+        after[here] = uncertain[here[np.where(following < len(here), following, place // series.every * series.every)]]
     return before, after
 
 
-def _uncertainty(found: DecodedHeatmaps, size: int, partly: BoolArray | None = None) -> FloatArray:
+def crop_uncertainty(found: DecodedHeatmaps, size: int, partly: BoolArray | None = None) -> FloatArray:
     """(N,) mean logarithm of the landmark variances in crops of `size` px, scaled to px^2 in a crop of 192 px. In crops
     that are `partly` (N,) visible people only located landmarks count."""
     value = np.log(found.variance_crop_px2 * (192 / size) ** 2)

@@ -170,7 +170,7 @@ def test_crops_are_tilted_where_they_are_mirrored_too(network: KeypointNetwork, 
     network.locate(spotted(network, places))
     assert looked == [2, 1, 1, 1]
     looked.clear()
-    network._flip = True
+    network._flip = network._flip_all = True
     network.locate(spotted(network, places))
     assert looked == [2, 1, 1, 1, 1, 1, 1, 1, 1]
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.crops import crops_for_boxes, virtual_views
-from muybridge.infer.detection.crop_pixels import extract_crops
+from muybridge.infer.detection.crop_pixels import extract_crops, scaled_down
+from muybridge.infer.session.frame_copies import halved
 from tests.rigs import look_at
 
 
@@ -140,6 +141,9 @@ def test_pixels_lie_where_the_homography_says(side: float, calibrated: bool) -> 
     frame = _blob_image(1961, 2481, centers, sigma=2.5 * max(side / 128, 0.8))
     crop = extract_crops(frame, crops)[0]
     assert np.abs(_centroids(crop, wanted, 11) - wanted).max() < 0.1
+    half = halved(frame[:1960, :2480])
+    for crop in (extract_crops(frame, crops, half)[0], extract_crops(half, scaled_down(crops, 2))[0]):
+        assert np.abs(_centroids(crop, wanted, 11) - wanted).max() < 0.1
 
 
 def test_fine_patterns_average_to_grey() -> None:

@@ -261,16 +261,34 @@ def test_nobody_at_all(models: tuple[Path, Path]) -> None:
     assert tracks.body.points_px.shape == (3, 1, 3, 2) and np.isnan(tracks.body.points_px).all()
 
 
-@pytest.mark.parametrize("every", [1, 4])
-def test_detecting_in_every_nth_frame_tracks_as_well(models: tuple[Path, Path], every: int) -> None:
-    options = KeypointOptions(people=PeopleOptions(every=every, background=False))
-    estimator = PoseEstimator(*models, options=options)
+@pytest.mark.parametrize(("every", "most_fps"), [(1, None), (4, None), (None, None), (None, 20.0)])
+def test_looking_at_fewer_frames_tracks_as_well(models: Any, every: int | None, most_fps: float | None) -> None:
+    options = KeypointOptions(people=PeopleOptions(every=every, background=False), most_fps=most_fps)
+    estimator = PoseEstimator(*models, options=options, fps=60.0)
     positions = np.stack([[150.0 + 3 * t, 200.0] for t in range(40)])
     for start in range(0, 40, 8):
         estimator.process(np.stack([_frame([c]) for c in positions[start : start + 8]]))
     tracks = estimator.finish()
     error = np.linalg.norm(tracks.body.points_px[:, 0] - (positions[:, None] + OFFSETS_PX), axis=-1)
     assert error.max() < 2.5
+
+
+@pytest.mark.parametrize(("step", "thin", "read"), [(1.0, True, [6]), (1.0, False, [16]), (9.0, True, [6, 10])])
+def test_a_first_pass_reads_every_frame_only_of_people_who_move_fast(
+    models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, step: float, thin: bool, read: list[int]
+) -> None:
+    counts: list[int] = []
+    locate = KeypointNetwork.locate
+    monkeypatch.setattr(
+        KeypointNetwork, "locate", lambda self, crops, **how: counts.append(len(crops)) or locate(self, crops, **how)
+    )
+    options = KeypointOptions(people=PeopleOptions(background=False), most_fps=20.0, refine_crop=False)
+    estimator = PoseEstimator(*models, options=options, fps=60.0)
+    positions = np.stack([[150.0 + step * t, 200.0] for t in range(16)])
+    estimator.process(np.stack([_frame([c]) for c in positions]), thin=thin)
+    assert counts == read
+    found = estimator.finish().body.points_px[:, 0]
+    assert np.linalg.norm(found - (positions[:, None] + OFFSETS_PX), axis=-1).max() < 2.5
 
 
 def test_a_poor_box_is_cropped_again(models: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
