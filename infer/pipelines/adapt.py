@@ -87,7 +87,7 @@ def adapt_session(
     if detect.model_card is not None:
         raise ModelError("only muybridge's own networks can be adapted", remedy="no_model_card")
     base = replace(detect, precision="fp32", markers="all")
-    run = RunOptions(session, base, SolveOptions(everyone=options.everyone), refine_cameras=True)
+    run = RunOptions(session=session, detect=base, solve=SolveOptions(everyone=options.everyone), refine_cameras=True)
     opened, models = open_session(path, session), open_models(base)
     card = keypoint_card(models.metadata["keypoints"], models.keypoints)
     if card.metadata.get("precision") == "int8":

@@ -30,7 +30,7 @@ class Tally:
 
 @dataclass
 class WorkCounts:
-    """Tallies by kind: `decode`, `encode` and a network's kind (`people`, `keypoints`, ...)."""
+    """Tallies by kind: `decode`, `overlay` (drawn frames) and a network's kind (`people`, `keypoints`, ...)."""
 
     tallies: dict[str, Tally] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -50,18 +50,19 @@ class WorkCounts:
 @contextmanager
 def counted() -> Iterator[WorkCounts]:
     """Count the work that is done within, in all threads of this process."""
-    from muybridge.infer.session import video, write_video
+    from muybridge.infer.results import overlay
+    from muybridge.infer.session import video
 
     counts = WorkCounts()
     sessions, decode = onnxruntime.InferenceSession, video._decode
-    run, write = sessions.run, write_video.VideoWriter.write
+    run, draw = sessions.run, overlay.draw_overlay
     sessions.run = _network(run, counts)
     video._decode = _frames(decode, counts)
-    write_video.VideoWriter.write = _timed(write, counts, "encode")
+    overlay.draw_overlay = _timed(draw, counts, "overlay")
     try:
         yield counts
     finally:
-        sessions.run, video._decode, write_video.VideoWriter.write = run, decode, write
+        sessions.run, video._decode, overlay.draw_overlay = run, decode, draw
 
 
 def _network(run: Callable[..., Any], counts: WorkCounts) -> Callable[..., Any]:
