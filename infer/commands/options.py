@@ -51,6 +51,7 @@ METAVARS: dict[str, str] = {
 
 # What an option is called in full, by class and field, where the names of field and class read badly together.
 NAMES: dict[str, str] = {
+    "OnnxOptions.device": "device",
     "PosePriorOptions.enabled": "pose-prior",
     "RefinementOptions.enabled": "refinement",
     "ViewBiasOptions.enabled": "view-bias",

@@ -8,7 +8,7 @@ import numpy as np
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.errors import ModelError
-from muybridge.infer.networks.keypoints import OnnxOptions, open_session
+from muybridge.infer.networks.sessions import open_session
 from muybridge.models.metadata_reader import Reader, metadata_of
 from muybridge.motion.character.rigging.templates import TEMPLATES
 from muybridge.motion.character.weights.graph import FEATURES, WeightGraph
@@ -29,7 +29,7 @@ class SkinningNetwork:
             ModelError: the file is missing, damaged or no such network of muybridge's.
         """
         self.path = path
-        self._session = open_session(path, OnnxOptions(threads, 1))
+        self._session = open_session(path, threads)
         read = Reader(metadata_of(self._session, path), path)
         read.kind("skinning")
         self.version = read.text("version")
@@ -58,7 +58,7 @@ class RiggerNetwork:
             ModelError: the file is missing, damaged or no such network of muybridge's.
         """
         self.path = path
-        self._session = open_session(path, OnnxOptions(threads, 1))
+        self._session = open_session(path, threads)
         read = Reader(metadata_of(self._session, path), path)
         read.kind("rigger")
         self.version = read.text("version")

@@ -15,7 +15,7 @@ from muybridge.geometry.numerics.rotations import continuous_quat, quat_from_mat
 from muybridge.geometry.skeleton.body import BODY
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.rigid_bones import body_through
-from muybridge.infer.networks.keypoints import OnnxOptions, open_session
+from muybridge.infer.networks.sessions import open_session
 from muybridge.models.correction.features import apply_corrections, solver_input
 from muybridge.models.metadata_reader import Reader, metadata_of
 
@@ -40,7 +40,7 @@ class SolverNetwork:
             ModelError: the file is missing, damaged or no solver network of muybridge's.
         """
         self.path, self._batch = path, batch
-        self._session = open_session(path, OnnxOptions(threads, batch))
+        self._session = open_session(path, threads)
         metadata = metadata_of(self._session, path)
         if metadata.get("muybridge_kind") != "solver":
             raise ModelError(

@@ -17,9 +17,9 @@ from muybridge.infer.networks.keypoints import (
     Located,
     OnnxOptions,
     batches,
-    open_session,
     run_session,
 )
+from muybridge.infer.networks.sessions import open_session
 from muybridge.models.keypoints.decode import DecodedHeatmaps
 from muybridge.models.keypoints.external import ModelCard, find_card, load_card
 from muybridge.models.keypoints.simcc import decode_simcc, decode_value_heatmaps
@@ -56,7 +56,7 @@ class ExternalModel:
         if options.flip:
             raise ModelError(f"{path}: mirrored crops are for muybridge's own networks; leave flip out")
         self.path, self.card, self._options = path, card, options
-        self._session = open_session(path, options)
+        self._session = open_session(path, options.threads, options.device)
         inputs = {node.name: node for node in self._session.get_inputs()}
         outputs = {node.name: node for node in self._session.get_outputs()}
         if len(inputs) != 1 or (card.input_name and card.input_name not in inputs):

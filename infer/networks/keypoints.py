@@ -18,6 +18,7 @@ import onnxruntime
 from muybridge.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IndexArray
 from muybridge.errors import ModelError
 from muybridge.geometry.landmarks.sets import LandmarkSet
+from muybridge.infer.networks.sessions import REMEDY, Device, open_session
 from muybridge.models.keypoints.decode import NO_IDEA, WITHHELD, DecodedHeatmaps, with_expectation
 from muybridge.models.keypoints.metadata import (
     BODY_OUTPUTS,
@@ -36,14 +37,11 @@ from muybridge.models.keypoints.test_time import (
     mean_of_mirrored,
 )
 from muybridge.models.metadata_reader import metadata_of
-from muybridge.models.onnx_files.prune_outputs import without_outputs
 from muybridge.models.people.metadata import PeopleModelCard, people_card
 
-_REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 # Limits of `OnnxOptions.size`: below the first the networks find nobody, and beyond the second they are wrong in some
 # views, which looks like a fault of the calibration.
 SIZES = LEAST, 1.5
-_ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,8 @@ class OnnxOptions:
 
     Attributes:
         threads: threads within one network.
+        device: what networks run on: the processor, a graphics card through one of onnxruntime's providers, or `auto`
+            for the first of these that is there.
         batch: images per call; it bounds memory, and speed hardly depends on it.
         flip: run the keypoint network on the mirrored crop too and average: more accurate, twice the time. By default
             with muybridge's 8-bit networks, which take half the time, on crops of which the first reading is not sure.
@@ -67,6 +67,7 @@ class OnnxOptions:
     flip: bool | None = None
     size: float | None = None
     turn: bool = True
+    device: Device = "cpu"
 
     def __post_init__(self) -> None:
         if self.threads < 1 or self.batch < 1:
@@ -130,21 +131,21 @@ class KeypointNetwork:
         """
         self.path = path
         self._options = options
-        self._session = open_session(path, options, () if markers else MARKER_OUTPUTS)
+        self._session = open_session(path, options.threads, options.device, () if markers else MARKER_OUTPUTS)
         self.card: KeypointModelCard = keypoint_card(metadata_of(self._session, path), path)
         count = len(self.card.landmarks)
         outputs = dict(zip(BODY_OUTPUTS, ((4, count), (2, count)), strict=True))
         self.sets: tuple[LandmarkSet, ...] = (self.card.landmarks,)
         if markers:
             if self.card.markers is None:
-                raise ModelError(f"{path}: this network finds no virtual markers; {_REMEDY}, or ask for no markers")
+                raise ModelError(f"{path}: this network finds no virtual markers; {REMEDY}, or ask for no markers")
             self.sets = self.card.landmarks, self.card.markers
             many = len(self.card.markers)
             outputs |= zip(MARKER_OUTPUTS, ((4, many), (2, many)), strict=True)
         _check_signature(self._session, path, channels=3, outputs=outputs)
         plate = self.card.plate_input  # networks of earlier versions have none
         if plate is not None and plate not in [n.name for n in self._session.get_overridable_initializers()]:
-            raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {_REMEDY}")
+            raise ModelError(f"{path}: not a usable muybridge model: its input {plate!r} cannot be left out; {REMEDY}")
         self.channels = 3 if plate is None else 4
         self.metadata = dict(self.card.metadata)
         self._flip = self.metadata.get("precision") == "int8" if options.flip is None else options.flip
@@ -240,7 +241,7 @@ class KeypointNetwork:
             for out, once in zip(maps, found, strict=True):
                 if once.shape != out[part].shape:
                     raise ModelError(f"{self.path}: an output has the shape {once.shape}, and its metadata mean "
-                                     f"{out[part].shape}; {_REMEDY}")  # fmt: skip
+                                     f"{out[part].shape}; {REMEDY}")  # fmt: skip
                 out[part] = once
             for other in mirrored:
                 for k, out in enumerate(maps):
@@ -283,7 +284,7 @@ class PeopleNetwork:
         """Open a network; errors as `KeypointNetwork`."""
         self.path = path
         self._options = options
-        self._session = open_session(path, options)
+        self._session = open_session(path, options.threads, options.device)
         self.card: PeopleModelCard = people_card(metadata_of(self._session, path), path)
         _check_signature(self._session, path, channels=4, outputs={"heatmap": (4, 1), "box": (4, 4)})
 
@@ -309,7 +310,7 @@ class PeopleNetwork:
             cells = tuple(side // self.card.stride for side in frames.shape[1:3])
             if heatmap.shape[2:] != cells or box.shape[2:] != cells:
                 raise ModelError(f"{self.path}: its maps have {heatmap.shape[2:]} and {box.shape[2:]} cells, and its "
-                                 f"metadata mean {cells}; {_REMEDY}")  # fmt: skip
+                                 f"metadata mean {cells}; {REMEDY}")  # fmt: skip
             heatmaps.append(heatmap)
             boxes.append(box)
         return np.concatenate(heatmaps), np.concatenate(boxes)
@@ -320,33 +321,6 @@ def batches(count: int, size: int) -> list[slice]:
     return [slice(start, start + size) for start in range(0, count, size)]
 
 
-def open_session(path: Path, options: OnnxOptions, unwanted: Sequence[str] = ()) -> onnxruntime.InferenceSession:
-    """A CPU session that does not compute the `unwanted` outputs.
-
-    Raises:
-        ModelError: the file is missing, damaged or no ONNX model.
-    """
-    if not path.is_file():
-        raise ModelError(f"{path}: no such model file; {_REMEDY}")
-    settings = onnxruntime.SessionOptions()
-    settings.intra_op_num_threads = options.threads
-    settings.inter_op_num_threads = 1
-    settings.log_severity_level = _ONLY_ERRORS
-    try:
-        with path.open("rb") as file:
-            data = file.read() if unwanted else b""
-    except OSError as error:
-        raise ModelError(f"{path}: the model file cannot be read ({error.strerror}); {_REMEDY}") from error
-    try:
-        # By its path where it is used as it is: weights may be in a file beside it.
-        wanted = without_outputs(data, unwanted) if unwanted else str(path)
-        return onnxruntime.InferenceSession(wanted, settings, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's exceptions share no base but Exception
-        raise ModelError(
-            f"{path}: not an ONNX model, or a damaged one ({str(error).splitlines()[0]}); {_REMEDY}"
-        ) from error
-
-
 def _check_signature(
     session: onnxruntime.InferenceSession, path: Path, channels: int, outputs: dict[str, tuple[int, int]]
 ) -> None:
@@ -355,13 +329,13 @@ def _check_signature(
     def check(what: str, found: list[Any], name: str, axes: int, size: int) -> None:
         node = next((n for n in found if n.name == name), None)
         if node is None:
-            raise ModelError(f"{path}: not a usable muybridge model: it has no {what} {name!r}; {_REMEDY}")
+            raise ModelError(f"{path}: not a usable muybridge model: it has no {what} {name!r}; {REMEDY}")
         shape = list(node.shape)
         fixed = len(shape) == axes and (not isinstance(shape[1], int) or shape[1] == size)
         if not fixed or node.type != "tensor(float)":
             raise ModelError(
                 f"{path}: not a usable muybridge model: {what} {name!r} is {node.type} {shape}, expected "
-                f"float with {axes} axes, {size} along the second; {_REMEDY}"
+                f"float with {axes} axes, {size} along the second; {REMEDY}"
             )
 
     check("input", session.get_inputs(), "image", 4, channels)
@@ -382,6 +356,6 @@ def run_session(
     except Exception as error:  # onnxruntime's exceptions share no base but Exception
         shapes = ", ".join(str(values.shape) for values in inputs.values())
         raise ModelError(
-            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; {_REMEDY}"
+            f"{path}: the network failed on an input of shape {shapes}: {str(error).splitlines()[0]}; {REMEDY}"
         ) from error
     return result

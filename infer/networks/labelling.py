@@ -11,7 +11,7 @@ import numpy as np
 from muybridge.arrays import Float32Array, FloatArray, IndexArray
 from muybridge.geometry.landmarks.marker_sets import SURFACE
 from muybridge.geometry.markers.tracking import Tracks
-from muybridge.infer.networks.keypoints import OnnxOptions, open_session
+from muybridge.infer.networks.sessions import open_session
 from muybridge.models.labelling.metadata import LabelModelCard, label_card
 from muybridge.models.metadata_reader import metadata_of
 
@@ -50,7 +50,7 @@ class LabelNetwork:
             ModelError: the file is missing, damaged or no labelling network of muybridge's.
         """
         self.path, self._batch, self._threads = path, batch, threads
-        self._session = open_session(path, OnnxOptions(1, batch))
+        self._session = open_session(path)
         self.card: LabelModelCard = label_card(metadata_of(self._session, path), path)
 
     def scores(self, tracks: Tracks, fps: float, asked: IndexArray, frames: IndexArray | None = None,
