@@ -119,6 +119,9 @@ class StagedReader:
     ) -> None:
         self.upright, self._camera, self._markers = upright, camera, markers
 
+    def coarseness(self, boxes_px: FloatArray) -> FloatArray:
+        return np.ones(len(boxes_px))
+
     def expecting(
         self, pictures: Pictures, frame: IndexArray, boxes_px: FloatArray, expected: Expectation
     ) -> tuple[Poses, Poses]:
