@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import onnxruntime
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.errors import ModelError
@@ -29,9 +31,7 @@ class SkinningNetwork:
             ModelError: the file is missing, damaged or no such network of muybridge's.
         """
         self.path = path
-        self._session = open_session(path, threads)
-        read = Reader(metadata_of(self._session, path), path)
-        read.kind("skinning")
+        self._session, read = _open(path, threads, "skinning")
         self.version = read.text("version")
         if read.names("features") != FEATURES:
             raise ModelError(f"{path}: takes other features; train it again with this version of muybridge")
@@ -58,9 +58,7 @@ class RiggerNetwork:
             ModelError: the file is missing, damaged or no such network of muybridge's.
         """
         self.path = path
-        self._session = open_session(path, threads)
-        read = Reader(metadata_of(self._session, path), path)
-        read.kind("rigger")
+        self._session, read = _open(path, threads, "rigger")
         self.version = read.text("version")
         if read.names("roles") != TEMPLATES["human"].roles:
             raise ModelError(f"{path}: is of other joints; train it again with this version of muybridge")
@@ -70,3 +68,11 @@ class RiggerNetwork:
         (B, N, 6)."""
         places, spread = self._session.run(None, {"points": points})
         return np.asarray(places, np.float64), np.exp(np.asarray(spread, np.float64))
+
+
+def _open(path: Path, threads: int, kind: Literal["skinning", "rigger"]) -> tuple[onnxruntime.InferenceSession, Reader]:
+    """The session of a network of this kind, and the reader of its metadata."""
+    session = open_session(path, threads)
+    read = Reader(metadata_of(session, path), path)
+    read.kind(kind)
+    return session, read

@@ -9,6 +9,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, MuybridgeError, parsing
+from muybridge.wording import counted
 
 _STEP_M = 0.02  # between places of a path
 _AHEAD_M = 1.0  # that is searched for the nearest place
@@ -74,10 +75,23 @@ def floor_path(corners: FloatArray) -> FloorPath:
 
 
 def read_floor_path(path: Path) -> FloorPath:
-    """Read a path: a CSV of places with the columns x and y in metres, or of two columns without names.
+    """Read a path through the corners of a file (see `read_corners`).
 
     Raises:
-        FormatError: it has no such columns, or a row is not of two finite numbers.
+        FormatError: as `read_corners` and `floor_path`; the message names the file.
+    """
+    corners = read_corners(path)
+    try:
+        return floor_path(corners)
+    except MuybridgeError as error:
+        raise FormatError(f"{path}: {error.message}") from None
+
+
+def read_corners(path: Path) -> FloatArray:
+    """(P, 2) metres: a CSV of at least two places with the columns x and y, or of two columns without names.
+
+    Raises:
+        FormatError: it has no such columns, a row is not of two finite numbers, or there are fewer than two.
     """
     with parsing(path, FormatError, "a path"):
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -88,7 +102,7 @@ def read_floor_path(path: Path) -> FloorPath:
         numbered = [(k, [cell.strip() for cell in row]) for k, row in enumerate(rows, 1)
                     if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")]  # fmt: skip
         if not numbered:
-            raise FormatError(f"{path}: is empty; {_WANTED}")
+            raise FormatError(f"{path}: is empty, and a path needs at least two places; {_WANTED}")
         names = [cell.lower() for cell in numbered[0][1]]
         columns = (0, 1)
         if not all(_is_number(cell) for cell in names[:2]):
@@ -101,10 +115,9 @@ def read_floor_path(path: Path) -> FloorPath:
             if not all(_is_number(cell) for cell in cells):
                 raise FormatError(f"{path}: line {line} is not of two finite numbers; {_WANTED}")
             places.append([float(cell) for cell in cells])
-        try:
-            return floor_path(np.array(places).reshape(-1, 2))
-        except MuybridgeError as error:
-            raise FormatError(f"{path}: {error.message}") from None
+    if len(places) < 2:
+        raise FormatError(f"{path}: has {counted(len(places), 'place')}; a path needs at least two")
+    return np.array(places)
 
 
 def _is_number(cell: str) -> bool:

@@ -10,12 +10,13 @@ import tyro
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, MuybridgeError
 from muybridge.files import replacing
-from muybridge.infer.pipelines.characters.matching import BuildRequest, build_from_files, read_ground_path, walk_of
+from muybridge.infer.pipelines.characters.matching import BuildRequest, build_from_files, walk_of
 from muybridge.infer.results.ownership import check_replaceable
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.viewer.match_page import PageOptions, render_match_page
 from muybridge.motion.formats.points.common import check_fps
 from muybridge.motion.formats.registry import check_writable, write_file
+from muybridge.motion.graphs.paths import read_corners
 from muybridge.motion.matching import (
     FeatureOptions,
     MatchDatabase,
@@ -157,7 +158,7 @@ def walk(
     read = read_database(database)
     start = time.perf_counter()
     if path is not None:
-        goal = GoalPath(read_ground_path(path), speed)
+        goal = GoalPath(read_corners(path), speed)
         done = walk_of(read, goal, seconds, steer, plant)
         away = goal.distance(done.places)
         told = f", {away.mean() * 100:.0f} cm from the path ({away.max() * 100:.0f} cm at most)"

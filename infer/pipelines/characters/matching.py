@@ -1,16 +1,11 @@
 """Motion matching from files: a database of takes, and a steered figure as a take."""
 
-import csv
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from muybridge.arrays import FloatArray
-from muybridge.errors import FormatError, MuybridgeError, parsing
+from muybridge.errors import MuybridgeError
 from muybridge.geometry.roles import find_roles, load_role_map
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.infer.pipelines.characters.takes import clip_names, takes_of
@@ -29,7 +24,6 @@ from muybridge.motion.matching import (
     steer,
 )
 from muybridge.motion.matching import Path as GoalPath
-from muybridge.wording import counted
 
 _IGNORED = re.compile(r"(?P<clip>.+):(?P<start>[\d.]+)-(?P<end>[\d.]+)")
 # Times the seconds that a path takes at its speed, after which a figure that has not arrived gives up.
@@ -106,42 +100,6 @@ def parse_ignored(text: str) -> Ignored:
     except ValueError:
         pass
     raise MuybridgeError(f"{text!r} names no part of a clip; write CLIP:FROM-TO in seconds, such as walk:1.5-2.25")
-
-
-def read_ground_path(path: Path) -> FloatArray:
-    """(K, 2) metres: the points of a path over the ground, of a table with the columns x and y.
-
-    Args:
-        path: CSV with a line of names, or without one and two columns.
-
-    Raises:
-        FormatError: it cannot be read, or a line has no two finite numbers.
-    """
-    with parsing(path, FormatError, "a table of points"):
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    rows = [(k, row) for k, row in enumerate(csv.reader(lines), 1) if row and "".join(row).strip()]
-    columns = (0, 1)
-    if rows and not _is_number(rows[0][1][0]):
-        names = [name.strip().lower() for name in rows[0][1]]
-        if "x" not in names or "y" not in names:
-            raise FormatError(f"{path}: its columns are {', '.join(names)}; x and y, in metres, are needed")
-        columns, rows = (names.index("x"), names.index("y")), rows[1:]
-    points = []
-    for k, row in rows:
-        values = [row[c] if c < len(row) else "" for c in columns]
-        if not all(_is_number(v) for v in values):
-            raise FormatError(f"{path}: line {k} has no two finite numbers, x and y in metres")
-        points.append([float(v) for v in values])
-    if len(points) < 2:
-        raise FormatError(f"{path}: has {counted(len(points), 'point')}; a path needs at least two")
-    return np.array(points)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def walk_of(

@@ -7,8 +7,9 @@ import pytest
 
 from muybridge.errors import FormatError, MuybridgeError
 from muybridge.infer.commands.app import run_command
-from muybridge.infer.pipelines.characters.matching import parse_ignored, read_ground_path
+from muybridge.infer.pipelines.characters.matching import parse_ignored
 from muybridge.motion.formats.registry import read_file, write_file
+from muybridge.motion.graphs.paths import read_corners
 from muybridge.motion.matching import Ignored, read_database
 from muybridge.motion.take import Take
 from tests.motion.matching.walks import walk, walks
@@ -109,7 +110,7 @@ def test_paths_over_the_ground(tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     for text in ("0,0\n1,2\n", "name,Y,X\na,0,0\nb,2,1\n", "\ufeffx,y\n0,0\n\n1,2\n"):
         path.write_text(text, encoding="utf-8")
-        np.testing.assert_array_equal(read_ground_path(path), [[0, 0], [1, 2]])
+        np.testing.assert_array_equal(read_corners(path), [[0, 0], [1, 2]])
     for text, what in (
         ("a,b\n0,0\n1,2\n", "x and y"),
         ("x,y\n0,0\n1,nan\n", "line 3"),
@@ -118,9 +119,9 @@ def test_paths_over_the_ground(tmp_path: Path) -> None:
     ):
         path.write_text(text)
         with pytest.raises(FormatError, match=what):
-            read_ground_path(path)
+            read_corners(path)
     with pytest.raises(FormatError, match=r"none\.csv"):
-        read_ground_path(tmp_path / "none.csv")
+        read_corners(tmp_path / "none.csv")
 
 
 def test_parts_to_be_ignored() -> None:
