@@ -143,8 +143,15 @@ class PoseReader:
         found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
         return self._poses(found, crops, boxes_px)
 
-    def thinly(self, pictures: Pictures, frame: IndexArray, track: IntArray, boxes_px: FloatArray, every: int) -> Poses:
-        """The same, read in every n-th frame of a track and its last, and between those only where people move fast."""
+    def thinly(
+        self, pictures: Pictures, frame: IndexArray, track: IntArray, boxes_px: FloatArray, every: int,
+        min_confidence: float,
+    ) -> Poses:  # fmt: skip
+        """The same, read in every n-th frame of a track and its last, and between those only where people move fast.
+
+        A track whose confidence is below `min_confidence` is nobody, or is read again: its landmarks jump, which does
+        not count.
+        """
         if every == 1 or len(frame) < 2:
             return self(pictures, frame, track, boxes_px)
         rows = [np.flatnonzero(track == number) for number in np.unique(track)]
@@ -156,6 +163,8 @@ class PoseReader:
         read = chosen.copy()
         for each in rows:
             at = np.flatnonzero(chosen[each])
+            if poses.confidence[each[at]].mean() < min_confidence:
+                continue
             moved = poses.body.points_px[each[at]]
             side = (boxes_px[each[at], 2:] - boxes_px[each[at], :2]).max(axis=1)
             for low, high in fast_gaps(at, moved, side):

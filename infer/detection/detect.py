@@ -38,7 +38,7 @@ from muybridge.models.shipped import Precision
 # Of a camera's name within a file name, which may have 255 bytes.
 _NAME_BYTES = 150
 # Landmarks are read so many times a second in a first pass.
-FIRST_FPS = 20.0
+FIRST_FPS = 12.0
 # Of a stage's arrays and facts.
 _PLATE, _REPEATS, _STILL_FROM, _LETTERBOX = "plate", "repeats", "still_from", "frames_width_height_angle_and_long_side"
 _DAMAGED, _UNREADABLE = "damaged_frames_of_the_video", "unreadable"

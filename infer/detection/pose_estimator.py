@@ -194,7 +194,7 @@ class PoseEstimator:
         options, track = self._options, ids[frame, slot]
         most = options.most_fps
         every = max(1, int(self._fps / most)) if thin and most is not None else 1
-        poses = reader.thinly(pictures, frame, track, boxes[frame, slot], every)
+        poses = reader.thinly(pictures, frame, track, boxes[frame, slot], every, options.min_confidence)
         if options.refine_crop:
             poses = reader.refined(pictures, frame, track, poses, options.min_confidence, options.refine_change)
         missed = np.stack([t.missed for t in tracked])[frame, slot]

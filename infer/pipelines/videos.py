@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -256,17 +257,24 @@ def follow(session: Session, models: Models, store: StageStore, options: RunOpti
     key = digest([d.stage.key for d in detected], session.frames, session.cameras.cameras, session.clocks, session.late)
     body = next(iter(keypoints.values()))
     _refuse_mirrored(session, body)
-    session, calibration, before = _judge_cameras(session, body, key, store, options, progress)
+    session, stages = _refine_cameras(session, body, key, store, options, progress)
     key = digest(key, session.cameras.cameras)
     refinement = TopDownRefinement(
         session, detected, files, models, store, options.detect, options.refinement, progress
     )
     solve_options = options.solve.with_card(models.min_confidence)
-    solution = solve(session.cameras, keypoints, session.fps, key, store, solve_options, progress, refinement)
+    with ThreadPoolExecutor(1) as beside:  # nothing but the report waits for what it says
+        judging = beside.submit(
+            judge_calibration.judge, session.cameras, body, session.fps, key, store, progress, options.diagnose
+        )
+        solution = solve(session.cameras, keypoints, session.fps, key, store, solve_options, progress, refinement)
+        calibration, judged = judging.result()
+    if judged is not None:
+        stages[judge_calibration.STAGE] = judged
     progress.say(solution.person)
     for notice in unsure_landmarks(solution):
         session = with_notice(session, notice, progress)
-    solution.stages.update(before)
+    solution.stages.update(stages)
     return Followed(session, detected, solution, calibration)
 
 
@@ -288,18 +296,14 @@ def _refuse_mirrored(session: Session, keypoints: Keypoints2D) -> None:
         )
 
 
-def _judge_cameras(
+def _refine_cameras(
     session: Session, keypoints: Keypoints2D, key: str, store: StageStore, options: RunOptions, progress: Progress
-) -> tuple[Session, CalibrationQuality | None, dict[str, StageResult]]:
-    """The session with its cameras refined if that was asked, how good they are, and the stages by name."""
-    stages: dict[str, StageResult | None] = {}
-    if options.refine_cameras:
-        session, stages[refine_cameras.STAGE] = refine_cameras.refine(session, keypoints, key, store, progress)
-        key = digest(key, session.cameras.cameras)
-    judged, stages[judge_calibration.STAGE] = judge_calibration.judge(
-        session.cameras, keypoints, session.fps, key, store, progress, options.diagnose
-    )
-    return session, judged, {name: stage for name, stage in stages.items() if stage is not None}
+) -> tuple[Session, dict[str, StageResult]]:
+    """The session, its cameras refined if that was asked, and the stage of that by its name."""
+    if not options.refine_cameras:
+        return session, {}
+    session, stage = refine_cameras.refine(session, keypoints, key, store, progress)
+    return session, {} if stage is None else {refine_cameras.STAGE: stage}
 
 
 def _merge(

@@ -30,6 +30,8 @@ _SIDES = ((0.5, LEAST), (0.85, 3 / 4), (0.99, 7 / 8))
 # number; another orientation is used if it lowers that by the second. Partly visible people, at a desk or at the image
 # border, are not rotated: that is why they are uncertain, and they may look like a person in any orientation.
 _UNCERTAIN, _GAIN = 2.85, 0.6
+# Of the crops of a series that are tried in every orientation, every n-th is tried first.
+_FIRST_TRIED = 3
 # Crops more uncertain than this are also tilted to both sides by this angle, read at a smaller size and in a tighter
 # box (both relative to the crop's); the mean of all readings, each with its inverse variance as weight, is used.
 _STILL_UNCERTAIN, _TILT = 2.05, np.radians(14.0)
@@ -44,7 +46,8 @@ class Series(NamedTuple):
 
     Attributes:
         number: (N,) of the series; the crops of each are in temporal order.
-        every: every n-th crop is tried in every orientation, the others only in those that helped their neighbours.
+        every: every n-th crop is tried in every orientation, the others only in those that helped their neighbours;
+            fewer in a series in which none of a first few is helped.
     """
 
     number: IntArray
@@ -127,10 +130,17 @@ def _rotate(
             back = found[better_here]
             out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
 
-    before, after = _neighbours_in_series(uncertain, series)
+    before, after = _neighbours_in_series(uncertain, series, 1)
     sampled = (before == uncertain) | (after == uncertain)
+    # A few tell whether any orientation helps a series.
+    first = np.isin(uncertain, np.concatenate(_neighbours_in_series(uncertain, series, _FIRST_TRIED)))
     for turn in (1, 2, 3):
-        attempt(turn, uncertain[sampled])
+        attempt(turn, uncertain[sampled & first])
+    if series is not None and not first.all():
+        number = series.number[uncertain]
+        promising = np.isin(number, number[quarters[uncertain] > 0])
+        for turn in (1, 2, 3):
+            attempt(turn, uncertain[sampled & ~first & promising])
     counts = quarters[before], quarters[after]
     for turn in (1, 2, 3):
         attempt(turn, uncertain[~sampled & ((counts[0] == turn) | (counts[1] == turn))])
@@ -235,19 +245,21 @@ def _shrink_maps_back(maps: Float32Array) -> Float32Array:
     return _resampled(maps, (np.arange(cells) - middle) / _TIGHTER + middle)
 
 
-def _neighbours_in_series(uncertain: IndexArray, series: Series | None) -> tuple[IndexArray, IndexArray]:
-    """(n,) and (n,): for each uncertain crop, the nearest crops of its series before and after it that are tried in
-    every orientation; the crop itself if it is one of these."""
+def _neighbours_in_series(
+    uncertain: IndexArray, series: Series | None, times: int
+) -> tuple[IndexArray, IndexArray]:
+    """(n,) and (n,): for each uncertain crop, the nearest crops of its series before and after it of those at every
+    `times * series.every` places, the first among them; the crop itself if it is one of these."""
     before, after = uncertain.copy(), uncertain.copy()
     if series is None:
         return before, after
     number = series.number[uncertain]
     for each in np.unique(number):
         (here,) = np.nonzero(number == each)
-        place = np.arange(len(here))
-        before[here] = uncertain[here[place // series.every * series.every]]
-        following = -(-place // series.every) * series.every
-        after[here] = uncertain[here[np.where(following < len(here), following, place // series.every * series.every)]]
+        place, every = np.arange(len(here)), times * series.every
+        preceding, following = place // every * every, -(-place // every) * every
+        before[here] = uncertain[here[preceding]]
+        after[here] = uncertain[here[np.where(following < len(here), following, preceding)]]
     return before, after
 
 
