@@ -6,7 +6,8 @@ objects that only look like them.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -50,11 +51,11 @@ class BackgroundPlate:
         """(K,) numbers of the frames that are kept."""
         return self._spacing * np.arange(len(self._kept))
 
-    def add(self, frames: ByteArray) -> None:
-        """Add the next (n, h, w, 3) frames, in order."""
-        for frame in frames:
+    def add(self, frames: SmallFrames) -> None:
+        """Add the next frames, in order."""
+        for index in range(len(frames)):
             if self._seen % self._spacing == 0:
-                self._kept.append(frame.copy())
+                self._kept.append(frames.pixels(index))
                 self._plate = None
                 if len(self._kept) > self._max_frames:
                     self._kept = self._kept[::2]
@@ -121,16 +122,37 @@ def sort_images(images: NDArray[_T]) -> NDArray[_T]:
     return images
 
 
-class SmallFrames(NamedTuple):
-    """Frames at the plate's resolution.
+@dataclass(eq=False)
+class SmallFrames:
+    """Frames at the plate's resolution. Each is scaled down, and compared with the plate, when it is first asked for:
+    few are where people are detected some 15 times a second and move little.
 
     Attributes:
-        pixels: (n, h, w, 3) RGB.
-        difference: (n, h, w) from the background plate, 0..1; zero while there is none.
+        frames: (n, H, W, 3) RGB, which may be halved already.
+        letterbox: scales them down.
+        plate: (h, w, 3) the background; None while there is none.
     """
 
-    pixels: ByteArray
-    difference: Float32Array
+    frames: ByteArray
+    letterbox: Letterbox
+    plate: ByteArray | None = None
+    _pixels: dict[int, ByteArray] = field(default_factory=dict)
+    _difference: dict[int, Float32Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def pixels(self, index: int) -> ByteArray:
+        """(h, w, 3) RGB of a frame."""
+        if index not in self._pixels:
+            self._pixels[index] = self.letterbox.apply(self.frames[index])
+        return self._pixels[index]
+
+    def difference(self, index: int) -> Float32Array:
+        """(h, w) of a frame from the background plate, 0..1; zero while there is none."""
+        if index not in self._difference:
+            self._difference[index] = _difference(self.pixels(index), self.plate)
+        return self._difference[index]
 
 
 class BackgroundModel:
@@ -158,10 +180,11 @@ class BackgroundModel:
 
     def __call__(self, frames: ByteArray) -> SmallFrames:
         """The next (n, H, W, 3) RGB frames, which may be halved already, scaled down."""
-        small = np.stack([self._letterbox.apply(frame) for frame in frames])
+        small = SmallFrames(frames, self._letterbox)
         if self._enabled and self._known is None:
             self._plate.add(small)
-        return SmallFrames(small, _difference(small, self.plate))
+        small.plate = self.plate
+        return small
 
     def without(self, tracks: FloatArray, landmarks: LandmarkSet) -> ByteArray | None:
         """(h, w, 3) the background of the frames so far, without the people found in them.
@@ -179,18 +202,16 @@ class BackgroundModel:
     def difference_in(self, crops: Crops, small: SmallFrames, index: int) -> ByteArray:
         """(N, S, S) the difference of one of the frames in crops, 255 for 1."""
         in_small = Crops(crops.size_px, crops.crop_from_image @ self._letterbox.frame_from_canvas)
-        return extract_crops(np.round(255 * small.difference[index]).astype(np.uint8), in_small)
+        return extract_crops(np.round(255 * small.difference(index)).astype(np.uint8), in_small)
 
 
-def _difference(frames: ByteArray, plate: ByteArray | None) -> Float32Array:
-    """(n, h, w) mean over RGB of |frame - plate| in 0..1, after matching the exposure; zero without a plate."""
-    result = np.zeros(frames.shape[:3], dtype=np.float32)
-    if plate is not None:
-        for index, frame in enumerate(frames):
-            red, green, blue = cv2.split(cv2.absdiff(cv2.LUT(frame, _exposure(frame, plate)), plate))
-            # A mean over the last axis would take ten times as long.
-            result[index] = (red.astype(np.float32) + green + blue) / 765
-    return result
+def _difference(frame: ByteArray, plate: ByteArray | None) -> Float32Array:
+    """(h, w) mean over RGB of |frame - plate| in 0..1, after matching the exposure; zero without a plate."""
+    if plate is None:
+        return np.zeros(frame.shape[:2], dtype=np.float32)
+    red, green, blue = cv2.split(cv2.absdiff(cv2.LUT(frame, _exposure(frame, plate)), plate))
+    # A mean over the last axis would take ten times as long.
+    return np.asarray((red.astype(np.float32) + green + blue) / 765, dtype=np.float32)
 
 
 def _exposure(frame: ByteArray, plate: ByteArray) -> ByteArray:

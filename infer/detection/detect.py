@@ -291,11 +291,12 @@ class _CameraWork:
         lasts = self.session.lasts(self.index)
         index = self.session.frame_indices[self.index, :lasts]
         smaller, stretched = times_halved(video.width, video.height), False
+        half: ByteArray | None = None
         with CopyWriter(self.copies) as copies:
             for frames in read_chunks(video, index, watch=watch, reuse=True):
                 if self.stop.is_set():
                     raise Stopped
-                half = np.stack([halved(frame) for frame in frames]) if smaller else None
+                half = _all_halved(frames, half) if smaller else None
                 for k, frame in enumerate(frames):
                     repeats.add(frame if half is None else half[k])
                     if half is not None:
@@ -303,7 +304,7 @@ class _CameraWork:
                     if stretch_contrast(frame):
                         stretched = True
                         if half is not None:
-                            half[k] = halved(frame)
+                            halved(frame, half[k])
                 estimator.process(frames, half, not repeats.among_last(len(frames)))
                 self.task.advance(len(frames))
         self.task.advance(self.session.frames - lasts)
@@ -321,6 +322,16 @@ class _CameraWork:
         } | ({} if plate is None else {_PLATE: plate})  # fmt: skip
         facts = {_COPY_SCALE: 2**smaller, _STRETCHED: stretched}
         return without_frames(with_rest(tracks, rest), unreadable), others, facts
+
+
+def _all_halved(frames: ByteArray, memory: ByteArray | None) -> ByteArray:
+    """(n, H, W, 3) frames averaged over two by two pixels, in the memory of the chunk before where that fits."""
+    count, height, width, channels = frames.shape
+    shape = count, height // 2, width // 2, channels
+    out = np.empty(shape, np.uint8) if memory is None or len(memory) < count else memory[:count]
+    for frame, half in zip(frames, out, strict=True):
+        halved(frame, half)
+    return out
 
 
 def _averaged(image: ByteArray, times: int) -> ByteArray:

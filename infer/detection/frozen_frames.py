@@ -8,6 +8,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray
 from muybridge.geometry.numerics.robust import row_median
 from muybridge.infer.detection.tracks import CameraTracks
+from muybridge.infer.session.frame_copies import halved_to
 from muybridge.infer.session.session import Session
 
 # Longest interval (seconds) over which landmarks are interpolated: at 10 m/s^2 the error is 18 mm.
@@ -42,7 +43,8 @@ class RepeatedFrames:
 
     def add(self, frame: ByteArray) -> None:
         """Compare the next frame, (H, W, 3), of the video's size or scaled down."""
-        coarse = np.asarray(cv2.resize(frame, self._grid, interpolation=cv2.INTER_AREA), np.uint8)
+        small = halved_to(frame, max(self._grid))
+        coarse = np.asarray(cv2.resize(small, self._grid, interpolation=cv2.INTER_AREA), np.uint8)
         same = self._last is not None and int(cv2.absdiff(coarse, self._last).max()) <= _SAME
         self._repeats.append(same)
         self._last = self._last if same else coarse

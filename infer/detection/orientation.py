@@ -13,6 +13,7 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.infer.session.frame_copies import halved_to
 
 # A camera whose up direction is closer to its axis than this (sine) looks down on people: no image side is up.
 _STEEP = 0.35
@@ -129,7 +130,7 @@ class Letterbox:
         """(H, W, 3) to the canvas; the frame may be given averaged down."""
         shrinks = max(self.upright.width, self.upright.height) >= self.long_side
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        small = cv2.resize(_halved(frame, self.long_side), self._scaled, interpolation=method)
+        small = cv2.resize(halved_to(frame, self.long_side), self._scaled, interpolation=method)
         width, height = self.canvas
         if self.upright.angle == 0.0:
             canvas = np.zeros((height, width, 3), dtype=np.uint8)
@@ -161,12 +162,3 @@ class Letterbox:
         upright_from_canvas = np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
         upright_from_frame = np.vstack([self.upright.upright_from_frame, [0, 0, 1]])
         return np.asarray(np.linalg.inv(upright_from_frame) @ upright_from_canvas)
-
-
-def _halved(frame: ByteArray, long_side: int) -> ByteArray:
-    """The frame halved while its long side is at least twice `long_side`: OpenCV averages two by two pixels many times
-    as fast as any other number."""
-    while max(frame.shape[:2]) >= 2 * long_side and not (frame.shape[0] % 2 or frame.shape[1] % 2):
-        half = frame.shape[1] // 2, frame.shape[0] // 2
-        frame = np.asarray(cv2.resize(frame, half, interpolation=cv2.INTER_AREA))
-    return frame

@@ -64,7 +64,7 @@ class PeopleDetector:
         Returns:
             one entry per frame, boxes in upright px (see `FrameOrientation`); None for frames that were skipped.
         """
-        count = len(frames.pixels)
+        count = len(frames)
         found: list[DetectedPeople | None] = [None] * count
         every, first = self._options.every, self._next == 0
         if every is not None:
@@ -95,7 +95,8 @@ class PeopleDetector:
         if not len(chosen):
             return
         self.passes += len(chosen)
-        heatmap, box = self._network(frames.pixels[chosen], frames.difference[chosen])
+        pixels, difference = (np.stack([of(t) for t in chosen.tolist()]) for of in (frames.pixels, frames.difference))
+        heatmap, box = self._network(pixels, difference)
         people = decode_people(heatmap, box, self._network.card.stride, self._options.min_score)
         for index, detected in zip(chosen, people, strict=True):
             boxes = self._letterbox.boxes_to_upright(detected.boxes_px)

@@ -43,10 +43,10 @@ def test_people_are_looked_for_in_every_frame_where_they_come_or_move_fast(
 ) -> None:
     monkeypatch.setattr(person_detector, "decode_people", _decode)
     letterbox = Letterbox(FrameOrientation(320, 320), 320)
-    pixels = np.zeros((16, 32, 32, 3), np.uint8)
+    pixels = np.zeros((16, 320, 320, 3), np.uint8)
     pixels[:, 0, 0, 0] = places
     detector = PeopleDetector(_Network(), letterbox, fps=60.0)  # type: ignore[arg-type]
-    found = detector(SmallFrames(pixels, np.zeros((16, 32, 32), np.float32)))
+    found = detector(SmallFrames(pixels, letterbox))
     assert [t for t, each in enumerate(found) if each is not None] == seen
     assert detector.passes == len(seen)
 
