@@ -130,17 +130,17 @@ def first_frames_of_demo(folder: Path, frames: int) -> Path:
     from muybridge.infer.demo_take.take import demo_folder
     from muybridge.infer.session.probe import probe_video
     from muybridge.infer.session.video import read_chunks
-    from muybridge.infer.session.write_video import VideoWriter
+    from scripts.assets.write_video import video_writer
 
     source = demo_folder()
     (folder / "videos").mkdir(parents=True)
     (folder / "calibration.toml").write_bytes(source.joinpath("calibration.toml").read_bytes())
     for video in source.joinpath("videos").iterdir():
         info = probe_video(Path(str(video)))
-        with VideoWriter(folder / "videos" / video.name, info.width, info.height, info.fps, crf=12) as writer:
+        with video_writer(folder / "videos" / video.name, (info.width, info.height), info.fps, crf=12) as write:
             for chunk in read_chunks(info, np.arange(frames)):
                 for frame in chunk:
-                    writer.write(frame)
+                    write(frame)
     return folder
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from muybridge.arrays import BoolArray, FloatArray
+from muybridge.arrays import FloatArray
 from muybridge.geometry.fitting._chain_kernel import misfit, normal_equations
 from muybridge.geometry.fitting.chain import Chain
 from muybridge.geometry.numerics._numba import compiled
@@ -106,12 +106,13 @@ def resist_acceleration(
 @compiled
 def assemble(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
-    velocity: FloatArray, acceleration: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Band (T N, 2 N + 1) and gradient (T, N) of all terms."""
+    velocity: FloatArray, acceleration: FloatArray, band: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Gradient (T, N) of all terms; `band` (T N, 2 N + 1) is filled."""
     t_count, n = len(root), len(chain.above)
     step = differences(chain, root, turn, angles)
-    band, slope = np.zeros((t_count * n, 2 * n + 1)), np.empty((t_count, n))
+    band[:] = 0.0
+    slope = np.empty((t_count, n))
     for t in range(t_count):
         one = slice(t, t + 1)
         matrix, own, _ = normal_equations(chain, root[one], turn[one], angles[one], targets[one], information[one])
@@ -136,23 +137,4 @@ def assemble(
             band[here + i, n] -= w
             if t + 2 < t_count:
                 resist_acceleration(band, slope, step, t, i, acceleration[i])
-    return band, slope
-
-
-@compiled
-def hold(band: FloatArray, slope: FloatArray, held: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
-    """A damped copy of the band and the negative gradient without the unknowns that are held."""
-    out, right = band.copy(), np.empty(len(band))
-    size, width = band.shape
-    flat, gone = slope.ravel(), held.ravel()
-    for p in range(size):
-        if gone[p]:
-            out[p] = 0.0
-            out[p, 0] = 1.0
-            for k in range(1, min(width, p + 1)):
-                out[p - k, k] = 0.0
-            right[p] = 0.0
-        else:
-            out[p, 0] = out[p, 0] * (1 + damping) + 1e-9
-            right[p] = -flat[p]
-    return out, right
+    return slope

@@ -109,6 +109,25 @@ def forward_one(
 
 
 @compiled
+def rotations_of(chain: Chain, turn: FloatArray, angles: FloatArray) -> FloatArray:
+    """(T, J, 3, 3) parent from joint; the root's is `turn` (T, 3, 3)."""
+    out = np.empty((*angles.shape, 3))
+    swing, roll, bent = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for t in range(len(angles)):
+        out[t, 0] = turn[t]
+        for j in range(1, len(chain.parents)):
+            twist = chain.twist[j]
+            bent[:] = angles[t, j]
+            rolled, bent[twist] = bent[twist], 0.0
+            exp_one(bent[0], bent[1], bent[2], swing)
+            bent[:] = 0.0
+            bent[twist] = rolled
+            exp_one(bent[0], bent[1], bent[2], roll)
+            multiply(swing, roll, out[t, j])
+    return out
+
+
+@compiled
 def place_child(turn: FloatArray, place: FloatArray, offset: FloatArray, out: FloatArray) -> None:
     """`place + turn offset`."""
     for i in range(3):

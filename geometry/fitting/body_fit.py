@@ -11,12 +11,14 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
+from muybridge.geometry.fitting._chain_kernel import rotations_of
 from muybridge.geometry.fitting.bone_lengths import length_equations
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import LandmarkSet
-from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
+from muybridge.geometry.numerics.covariances import inverses, squared_distances
+from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_rotation
 from muybridge.geometry.skeleton.body import BODY, SHAPE_PRIOR, STATURE_M, STATURE_SD_M, Body, BodyModel, prior_shape
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.smoothing.kalman import SmoothOptions, clean_points, known_points, smooth_points
@@ -219,7 +221,7 @@ def fitting_problem(
     known: BoolArray, weight: FloatArray, fps: float, options: FitOptions,
 ) -> Problem:  # fmt: skip
     noise = covariance * scale + np.eye(3) * options.model_sigma**2
-    information = np.linalg.inv(noise) * (weight * known)[..., None, None]
+    information = inverses(noise) * (weight * known)[..., None, None]
     j_count = len(model.joint_names)
     spread = np.maximum(model.spread, 1e-3)
     acceleration = np.full(6 + 3 * j_count, (fps**2 / options.angular_acceleration) ** 2)
@@ -252,8 +254,7 @@ def _weights(
     floor = np.eye(3) * options.model_sigma**2
 
     def far(factor: float) -> FloatArray:
-        solved = np.linalg.solve(covariance * factor + floor, error[..., None])[..., 0]
-        return np.asarray(np.sum(error * solved, axis=-1))
+        return squared_distances(error, covariance * factor + floor)
 
     # Two fixed-point steps: the model's own share of the noise is not scaled.
     for _ in range(2):
@@ -286,9 +287,8 @@ def _fit_shape(model: BodyModel, problem: Problem, pose: Pose, shape_frames: int
 
 def _motion(problem: Problem, pose: Pose, fps: float, before: int, after: int) -> Motion:
     """The motion, its first frame held for `before` frames and its last for `after`."""
-    rotations = problem.skeleton.rotations_from_angles(pose.angles)
-    rotations[:, 0] = pose.turn
-    quat = continuous_quat(quat_from_matrix(rotations))
+    rotations = rotations_of(problem.chain, pose.turn, pose.angles)
+    quat = continuous_quat(quat_from_rotation(rotations))
     return Motion(
         skeleton=problem.skeleton,
         fps=fps,

@@ -3,7 +3,11 @@
 import numpy as np
 
 from muybridge.arrays import FloatArray
+from muybridge.geometry.fitting._chain_kernel import forward_one
+from muybridge.geometry.fitting.chain import Chain
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem
+from muybridge.geometry.numerics._numba import compiled, compiled_sums
+from muybridge.geometry.numerics.covariances import inverse_one
 
 
 def length_equations(
@@ -22,23 +26,76 @@ def length_equations(
         (S, S) matrix and (S,) vector.
     """
     every = max(len(pose) // most, 1)
-    skeleton = problem.skeleton
-    rotations = skeleton.rotations_from_angles(pose.angles[::every])
-    rotations[:, 0] = pose.turn[::every]
-    turns, _ = skeleton.forward(pose.root[::every], rotations)
-    of_joint = np.zeros((len(turns), len(skeleton), 3, joint_basis.shape[-1]))
-    for j, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            of_joint[:, j] = of_joint[:, parent] + turns[:, parent] @ joint_basis[j]
-    carrier = problem.landmark_joints
-    design = of_joint[:, carrier] + turns[:, carrier] @ landmark_basis
-    information = problem.information[::every]
-    target = problem.targets[::every] - pose.root[::every, None]
-    pulled = information @ design
-    by_root = pulled.sum(axis=1)  # (T, 3, S)
-    root = information.sum(axis=1) + np.eye(3) * 1e-6
-    back = np.linalg.solve(root, by_root)
-    residual = np.einsum("tlij,tlj->ti", information, target)
-    matrix = np.einsum("tlis,tlir->sr", design, pulled, optimize=True) - np.einsum("tis,tir->sr", by_root, back)
-    vector = np.einsum("tlis,tli->s", pulled, target) - np.einsum("tis,ti->s", back, residual)
+    target = problem.targets - pose.root[:, None]
+    turn, angles, target, information, joint_basis, landmark_basis = (
+        np.ascontiguousarray(a)
+        for a in (
+            *(array[::every] for array in (pose.turn, pose.angles, target, problem.information)),
+            joint_basis,
+            landmark_basis,
+        )
+    )
+    matrix, vector = _equations(problem.chain, turn, angles, target, information, joint_basis, landmark_basis)
+    return np.tril(matrix) + np.tril(matrix, -1).T, vector
+
+
+@compiled
+def _equations(
+    chain: Chain, turn: FloatArray, angles: FloatArray, target: FloatArray, information: FloatArray,
+    joint_basis: FloatArray, landmark_basis: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Lower triangle and vector of `length_equations`; `target` is relative to the root."""
+    j_count, size = len(chain.parents), joint_basis.shape[2]
+    turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((0, 3))
+    of_joint, design, pulled, by_root = (np.zeros((j_count, 3, size)), np.empty((3, size)), np.empty((3, size)),
+                                         np.empty((3, size)))  # fmt: skip
+    root, free, residual, back = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, size))
+    matrix, vector, little = np.zeros((size, size)), np.zeros(size), 1e-6 * np.eye(3)
+    for t in range(len(turn)):
+        forward_one(chain, turn[t], angles[t], turns, places, axes, False)
+        for j in range(1, j_count):
+            of_joint[j] = of_joint[chain.parents[j]]
+            _add_product(turns[chain.parents[j]], joint_basis[j], of_joint[j])
+        by_root[:], residual[:], root[:] = 0.0, 0.0, little
+        for k in range(len(chain.carrier)):
+            w = information[t, k]
+            if w[0, 0] == 0 and w[1, 1] == 0 and w[2, 2] == 0:
+                continue
+            design[:], pulled[:] = of_joint[chain.carrier[k]], 0.0
+            _add_product(turns[chain.carrier[k]], landmark_basis[k], design)
+            _add_product(w, design, pulled)
+            by_root += pulled
+            root += w
+            for i in range(3):
+                _add_outer(design[i], pulled[i], matrix)
+                _add_scaled(pulled[i], target[t, k, i], vector)
+                residual[i] += w[i, 0] * target[t, k, 0] + w[i, 1] * target[t, k, 1] + w[i, 2] * target[t, k, 2]
+        inverse_one(root, free)
+        back[:] = 0.0
+        _add_product(free, by_root, back)
+        for i in range(3):
+            _add_outer(-by_root[i], back[i], matrix)
+            _add_scaled(back[i], -residual[i], vector)
     return matrix, vector
+
+
+@compiled_sums
+def _add_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Add the product of (3, 3) and (3, S)."""
+    for i in range(3):
+        for s in range(b.shape[1]):
+            out[i, s] += a[i, 0] * b[0, s] + a[i, 1] * b[1, s] + a[i, 2] * b[2, s]
+
+
+@compiled_sums
+def _add_outer(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Add the lower triangle of the outer product."""
+    for r in range(len(a)):
+        for s in range(r + 1):
+            out[r, s] += a[r] * b[s]
+
+
+@compiled_sums
+def _add_scaled(values: FloatArray, share: float, out: FloatArray) -> None:
+    for s in range(len(values)):
+        out[s] += share * values[s]

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import LinAlgError, solveh_banded
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
-from muybridge.geometry.fitting._banded_kernel import assemble, hold, total_cost
+from muybridge.geometry.fitting._banded_kernel import assemble, total_cost
 from muybridge.geometry.fitting._chain_kernel import landmarks_of
 from muybridge.geometry.fitting.chain import Chain, make_chain, open_angles
+from muybridge.geometry.numerics.banded import solve_damped
 from muybridge.geometry.numerics.rotations import exp_so3, left_jacobian_so3
 from muybridge.geometry.skeleton.skeleton import Skeleton
 
@@ -148,13 +148,6 @@ def _held(problem: Problem, pose: Pose, gradient: FloatArray, fixed_frames: int)
     return held
 
 
-def _step(band: FloatArray, gradient: FloatArray, held: BoolArray, damping: float) -> FloatArray:
-    """Solve for the damped step (T, N), zero where held."""
-    matrix, right = hold(band, gradient, held, damping)
-    step = solveh_banded(matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False)
-    return np.asarray(step.reshape(gradient.shape))
-
-
 def moved(problem: Problem, pose: Pose, step: FloatArray) -> Pose:
     """The pose after a step (T, 6 + K), angles clipped to their limits."""
     flat = pose.angles.reshape(len(pose), -1).copy()
@@ -164,7 +157,16 @@ def moved(problem: Problem, pose: Pose, step: FloatArray) -> Pose:
     return Pose(pose.root + step[:, :3], exp_so3(step[:, 3:6]) @ pose.turn, angles)
 
 
-def solve(problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, damping: float = 1e-3) -> Pose:
+def _bands(problem: Problem, frames: int) -> FloatArray:
+    """(2, frames N, 2 N + 1) room for the normal equations of a stretch and their factor."""
+    n = len(problem.chain.above)
+    return np.empty((2, frames * n, 2 * n + 1))
+
+
+def solve(
+    problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, damping: float = 1e-3,
+    room: FloatArray | None = None,
+) -> Pose:  # fmt: skip
     """Gauss-Newton steps on one stretch; a step that makes things worse is taken back and damped.
 
     Args:
@@ -173,25 +175,25 @@ def solve(problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, dampi
         steps: how many steps at most.
         fixed_frames: so many frames at the start are not moved, only connected to.
         damping: share of the diagonal that is added, adapted from step to step.
+        room: of `_bands`, for at least these frames.
 
     Returns:
         The pose, its cost never above the start's.
     """
     value = cost(problem, pose)
+    band, factor = _bands(problem, len(pose)) if room is None else room[:, : len(pose) * len(problem.chain.above)]
     for _ in range(steps):
-        band, gradient = assemble(problem.chain, *_state(pose), *_data(problem))
+        gradient = assemble(problem.chain, *_state(pose), *_data(problem), band)
         held = _held(problem, pose, gradient, fixed_frames)
         before = value
         for _ in range(6):
-            try:
-                trial = moved(problem, pose, _step(band, gradient, held, damping))
-            except LinAlgError:
-                damping = max(damping * 10, 1e-6)
-                continue
-            trial_value = cost(problem, trial)
-            if trial_value <= value:
-                pose, value, damping = trial, trial_value, max(damping * 0.3, 1e-7)
-                break
+            step = solve_damped(band, gradient, held, damping, factor)
+            if step is not None:
+                trial = moved(problem, pose, step)
+                trial_value = cost(problem, trial)
+                if trial_value <= value:
+                    pose, value, damping = trial, trial_value, max(damping * 0.3, 1e-7)
+                    break
             damping = max(damping * 10, 1e-6)
         if before - value <= 1e-6 * before:
             break
@@ -207,11 +209,13 @@ def solve_in_stretches(problem: Problem, pose: Pose, steps: int, stretch: int = 
     """
     t_count = len(pose)
     out = Pose(pose.root.copy(), pose.turn.copy(), pose.angles.copy())
+    room = _bands(problem, min(stretch + overlap + 2, t_count))
     start = 0
     while start < t_count:
         stop = min(start + stretch, t_count)
         begin, end = max(start - 2, 0), min(stop + overlap, t_count)
-        solved = solve(problem.frames(begin, end), out.frames(begin, end), steps, fixed_frames=start - begin)
+        part, here = problem.frames(begin, end), out.frames(begin, end)
+        solved = solve(part, here, steps, fixed_frames=start - begin, room=room)
         kept = slice(start - begin, stop - begin)
         out.root[start:stop] = solved.root[kept]
         out.turn[start:stop] = solved.turn[kept]

@@ -12,11 +12,11 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.errors import MuybridgeError
-from muybridge.geometry.fitting._chain_kernel import landmarks_of
+from muybridge.geometry.fitting._chain_kernel import landmarks_of, rotations_of
 from muybridge.geometry.fitting._kalman_kernel import count_far, settle, track, track_one
 from muybridge.geometry.fitting.chain import Chain, make_chain
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem, landmark_positions, solve_in_stretches
-from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_matrix
+from muybridge.geometry.numerics.rotations import continuous_quat, exp_so3, kabsch, quat_from_rotation
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.profiles import with_limits
 from muybridge.geometry.skeleton.skeleton import Skeleton
@@ -192,9 +192,7 @@ class OnlineFit:
                 self._state, found = _recovered(self._chain, self._state, *data, o)
                 self._patience = 0 if found else _PATIENCE
         root, turn, angles = self._state[:3]
-        rotations = self.skeleton.rotations_from_angles(angles[None])[0]
-        rotations[0] = turn
-        return root.copy(), rotations
+        return root.copy(), np.asarray(rotations_of(self._chain, turn[None], angles[None])[0])
 
 
 def checked(
@@ -379,9 +377,8 @@ def _result(
     given: Skeleton, skeleton: Skeleton, chain: Chain, pose: Pose, points_world: FloatArray, fps: float, sigma: float,
     options: SkeletonFitOptions,
 ) -> SkeletonFit:  # fmt: skip
-    rotations = skeleton.rotations_from_angles(pose.angles)
-    rotations[:, 0] = pose.turn
-    motion = Motion(given, fps, pose.root, continuous_quat(quat_from_matrix(rotations)))
+    rotations = rotations_of(chain, pose.turn, pose.angles)
+    motion = Motion(given, fps, pose.root, continuous_quat(quat_from_rotation(rotations)))
     at = landmarks_of(chain, pose.root, pose.turn, pose.angles)
     residual = np.linalg.norm(at - points_world, axis=-1)
     weight = np.nan_to_num(_student(residual**2 / sigma**2, options.student_dof))

@@ -8,6 +8,9 @@ from typing import Any
 from numba import njit
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
+# For sums whose order does not matter: several products at a time. The result may differ in its last digits between
+# processors.
+compiled_sums = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 
 
 def is_compiled(kernel: Any) -> bool:

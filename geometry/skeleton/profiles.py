@@ -19,6 +19,7 @@ extension 70, flexion 40; fingers, MCP -45 to 90, PIP 0 to 100, DIP 0 to 90.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -219,6 +220,7 @@ def _found(names: Sequence[str], wanted: Sequence[str]) -> dict[str, int]:
 _SEPARATORS = str.maketrans("", "", " _.-")
 
 
+@lru_cache(maxsize=4096)
 def _plain(name: str) -> str:
     name = name.rsplit(":", 1)[-1].rsplit("|", 1)[-1]
     for prefix in ("mixamorig_", "Character1_", "mixamorig", "DEF-", "ORG-", "ValveBiped.", "Bip001", "Bip01"):

@@ -10,21 +10,7 @@ import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.numerics._numba import compiled
-
-
-@compiled
-def _inverse3(a: FloatArray, out: FloatArray) -> None:
-    c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
-    c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
-    c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
-    scale = 1.0 / (a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02)
-    out[0, 0], out[1, 0], out[2, 0] = c00 * scale, c01 * scale, c02 * scale
-    out[0, 1] = (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) * scale
-    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) * scale
-    out[2, 1] = (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) * scale
-    out[0, 2] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * scale
-    out[1, 2] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * scale
-    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * scale
+from muybridge.geometry.numerics.covariances import inverse_one
 
 
 @compiled
@@ -62,7 +48,7 @@ def _update(
         off[i] = point[i] - mean[i]
         for k in range(3):
             total[i, k] = spread[i, k] + noise[i, k]
-    _inverse3(total, inverse)
+    inverse_one(total, inverse)
     far = 0.0
     for i in range(3):
         for k in range(3):

@@ -13,6 +13,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, FloatArray
 from muybridge.errors import MuybridgeError
 from muybridge.geometry.landmarks.arrays import Points3D
+from muybridge.geometry.numerics.covariances import between, squared_distances
 from muybridge.geometry.numerics.robust import CHI2_3_MEDIAN, median_known, student_weight
 from muybridge.geometry.smoothing._kernel import smooth_all
 from muybridge.geometry.smoothing.filters import FilterOptions, smooth
@@ -123,11 +124,14 @@ def known_points(points: Points3D, default_sigma: float) -> tuple[FloatArray, Fl
     covariance = np.array(points.covariance_world, dtype=np.float64)
     usable = np.all(np.isfinite(covariance), axis=(-2, -1))
     covariance[~usable] = np.eye(3) * default_sigma**2
-    values, vectors = np.linalg.eigh(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    odd = ~between(covariance, 1e-6, 1e4)
+    values, vectors = np.linalg.eigh(covariance[odd])
     bad = values[..., 2] <= 0
     values = np.clip(values, 1e-6, 1e4)
     values[bad] = default_sigma**2
-    return xyz, (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    covariance[odd] = (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return xyz, covariance
 
 
 def _outliers(xyz: FloatArray, fps: float, options: SmoothOptions) -> BoolArray:
@@ -206,8 +210,7 @@ def _smooth(
             ratio = median_known(surprise) / CHI2_3_MEDIAN
         scale = np.clip(scale * np.where(np.isfinite(ratio), ratio, 1.0), 0.02, 400.0)
         error = np.where(known[..., None], xyz - out, 0.0)
-        solved = np.linalg.solve(covariance * scale[:, None, None], error[..., None])[..., 0]
-        weight = student_weight(np.sum(error * solved, axis=-1), _DOF, 3)
+        weight = student_weight(squared_distances(error, covariance) / scale, _DOF, 3)
     return out, out_covariance
 
 

@@ -96,11 +96,12 @@ def _options_last(command: Callable[..., Any], words: Sequence[str]) -> Sequence
 
     Nothing is moved where an option is none of the function's own, or takes several values.
     """
-    hints = get_type_hints(command)
+    hints = _option_hints(command)
     flags = {"help", "help_all", "verbose", "quiet", "v", "q", "vv", "h"} | {n for n, h in hints.items() if h is bool}
     flags |= {f"no_{name}" for name in flags}
     parameters = inspect.signature(command).parameters.values()
-    named = {p.name for p in parameters if p.kind is not p.POSITIONAL_ONLY and not _takes_several(hints[p.name])}
+    named = hints.keys() - {p.name for p in parameters if p.kind is p.POSITIONAL_ONLY}
+    named -= {name for name, hint in hints.items() if _takes_several(hint)}
     renamed = {_option_name(hint): name for name, hint in get_type_hints(command, include_extras=True).items()}
     plain: list[str] = []
     options: list[str] = []
@@ -120,6 +121,18 @@ def _options_last(command: Callable[..., Any], words: Sequence[str]) -> Sequence
         if not equals and rest:
             options.append(rest.pop(0))
     return [*plain, *options]
+
+
+def _option_hints(command: Callable[..., Any]) -> dict[str, Any]:
+    """Types of a command's parameters, and of the fields of those classes that stand for several options."""
+    out: dict[str, Any] = {}
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        plain = _plain(hint)
+        if dataclasses.is_dataclass(plain) and _names_nothing(hint):
+            out |= get_type_hints(plain)
+        else:
+            out[name] = hint.__origin__ if typing.get_origin(hint) is Annotated else hint
+    return out
 
 
 def _takes_several(hint: Any) -> bool:

@@ -24,9 +24,9 @@ from muybridge.infer.runtime.digests import code_digest, digest
 from muybridge.infer.runtime.progress import Task
 from muybridge.infer.runtime.stages import StageResult
 from muybridge.infer.session.discover import OVERLAY
+from muybridge.infer.session.frame_copies import fit_inside
 from muybridge.infer.session.session import Session
 from muybridge.infer.session.video import read_chunks
-from muybridge.infer.session.write_video import fit_inside
 
 THUMBNAILS = 4
 _LONG_SIDE_PX = 960

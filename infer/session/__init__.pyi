@@ -6,13 +6,11 @@ from .session import Session as Session
 from .session import SessionOptions as SessionOptions
 from .session import open_session as open_session
 from .video import read_chunks as read_chunks
-from .write_video import VideoWriter as VideoWriter
 
 __all__ = [
     "Session",
     "SessionOptions",
     "VideoInfo",
-    "VideoWriter",
     "find_videos",
     "is_video",
     "open_session",

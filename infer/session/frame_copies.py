@@ -47,6 +47,12 @@ def times_halved(width: int, height: int) -> int:
     return count
 
 
+def fit_inside(width: int, height: int, long_side: int) -> tuple[int, int]:
+    """The even size with the same proportions whose longer side is at most `long_side` (never enlarged)."""
+    scale = min(1.0, long_side / max(width, height))
+    return max(2, round(width * scale / 2) * 2), max(2, round(height * scale / 2) * 2)
+
+
 class CopyWriter:
     """Writes the copies of a video's frames, given in order; a context manager, whose file is there at its end."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from muybridge.arrays import BoolArray, Float32Array, FloatArray
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.infer.viewer.packing import encode, pack_places
-from muybridge.infer.viewer.page import component_style, embedded_json, filled, joined_scripts, read_asset
+from muybridge.infer.viewer.page import component_style, embedded_json, filled, joined_scripts, page, read_asset
 from muybridge.motion.editing.root_path import GroundPath
 from muybridge.motion.matching.controller import SteerOptions
 from muybridge.motion.matching.database import MatchDatabase
@@ -47,14 +47,11 @@ def render_match_page(database: MatchDatabase, name: str, options: PageOptions |
         options: what the page holds.
     """
     options = options or PageOptions()
+    data = embedded_json(pack_database(thinned(database, options.fps), name, options))
+    component = filled("steering.html", {"title": html.escape(name), "data": data})
     script = joined_scripts("maths.js", "drawing.js", "camera.js", "matching.js", "steering.js")
-    parts = {
-        "title": html.escape(name),
-        "style": f"{component_style()}\n{read_asset('steering.css')}",
-        "data": embedded_json(pack_database(thinned(database, options.fps), name, options)),
-        "script": script,
-    }
-    return filled("steering.html", parts)
+    style = f"{component_style()}\n{read_asset('steering.css')}"
+    return page("muybridge match", name, style, component, script)
 
 
 def thinned(database: MatchDatabase, fps: float) -> MatchDatabase:

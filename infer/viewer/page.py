@@ -22,9 +22,22 @@ def render_page(scenes: Sequence[Scene], side_by_side: bool = False) -> str:
         side_by_side: whether the page begins with them beside each other rather than in one place.
     """
     title = ", ".join(scene.packed["name"] for scene in scenes)
-    parts = {"title": html.escape(title), "style": component_style(), "component": component(scenes, side_by_side),
-             "script": component_script()}  # fmt: skip
-    return filled("viewer.html", parts)
+    return page("muybridge view", title, component_style(), component(scenes, side_by_side), component_script())
+
+
+def page(generator: str, title: str, style: str, component: str, script: str) -> str:
+    """A page of one component, which fills the window.
+
+    Args:
+        generator: the command that makes it.
+        title: as text.
+        style: what its `<style>` element holds.
+        component: the element, with its data.
+        script: what stands in a `<script>` element behind it.
+    """
+    parts = {"generator": generator, "title": html.escape(title), "style": style, "component": component,
+             "script": script}  # fmt: skip
+    return filled("page.html", parts)
 
 
 def component(scenes: Sequence[Scene], side_by_side: bool = False) -> str:

@@ -3,9 +3,6 @@
 Motions are kept in single precision: a micrometre at ten metres from the origin.
 """
 
-import io
-import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,20 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import FormatError
-from muybridge.files import replacing
+from muybridge.described_npz import DescribedFile
 from muybridge.geometry.numerics.rotations import continuous_quat
 from muybridge.geometry.skeleton.motion import Motion
 from muybridge.geometry.skeleton.skeleton import Skeleton
 from muybridge.motion.graphs.graph import MotionGraph
 from muybridge.motion.graphs.transitions import Transitions
-from muybridge.npz import load_npz
 
-VERSION = 1
-# Says that muybridge wrote the file, in its first bytes.
-MARK = "muybridge_graph"
-_WHAT = "a motion graph"
-_MOST_BYTES = 2**33
+# The mark says that muybridge wrote the file, in its first bytes.
+_FILE = DescribedFile("muybridge_graph", "a motion graph", "build_graph", most_bytes=2**33)
 
 
 def save_graph(path: Path, graph: MotionGraph) -> None:
@@ -37,12 +29,11 @@ def save_graph(path: Path, graph: MotionGraph) -> None:
     """
     skeleton, motion, ways = graph.motion.skeleton, graph.motion, graph.transitions
     about = {
-        "version": VERSION, "fps": motion.fps, "window": graph.window, "threshold": graph.threshold,
+        "fps": motion.fps, "window": graph.window, "threshold": graph.threshold,
         "names": graph.names, "labels": graph.labels, "joints": skeleton.names, "parents": skeleton.parents,
         "sliding": skeleton.sliding, "twist_axis": skeleton.twist_axis,
     }  # fmt: skip
     arrays: dict[str, NDArray[Any]] = {
-        MARK: np.frombuffer(json.dumps(about).encode(), np.uint8),
         "starts": graph.starts,
         "offsets": skeleton.offsets,
         "tips": skeleton.tips,
@@ -61,12 +52,7 @@ def save_graph(path: Path, graph: MotionGraph) -> None:
         arrays["axes"] = skeleton.axes
     if motion.translations is not None:
         arrays["translations"] = motion.translations.astype(np.float32)
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, array in arrays.items():
-            data = io.BytesIO()
-            np.lib.format.write_array(data, np.ascontiguousarray(array), allow_pickle=False)
-            # One date, so that equal graphs are equal files.
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getbuffer())
+    _FILE.write(path, about, arrays)
 
 
 def load_graph(path: Path) -> MotionGraph:
@@ -75,28 +61,7 @@ def load_graph(path: Path) -> MotionGraph:
     Raises:
         FormatError: it is none, of another version, or damaged.
     """
-    path = Path(path)
-    if path.is_file() and not zipfile.is_zipfile(path):
-        raise FormatError(f"{path}: is no motion graph", remedy="build_graph")
-    arrays = load_npz(path, what=_WHAT, limit=_MOST_BYTES)
-    if MARK not in arrays:
-        raise FormatError(f"{path}: is no motion graph", remedy="build_graph")
-    try:
-        about = json.loads(arrays[MARK].astype(np.uint8).tobytes())
-        version = about["version"]
-    except (ValueError, KeyError, TypeError) as problem:
-        raise FormatError(f"{path}: the description of the motion graph cannot be read") from problem
-    if version != VERSION:
-        raise FormatError(
-            f"{path}: is a motion graph of version {version!s:.20}; this muybridge reads version {VERSION}",
-            remedy="build_graph",
-        )
-    try:
-        graph = _graph(about, arrays)
-        _check(graph)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as problem:
-        raise FormatError(f"{path}: is damaged as a motion graph ({problem!s:.200})") from problem
-    return graph
+    return _FILE.read(path, _graph)
 
 
 def _graph(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> MotionGraph:
@@ -122,11 +87,13 @@ def _graph(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> MotionGrap
     motion = replace(motion, quat_wxyz=continuous_quat(motion.quat_wxyz / length))
     ways = Transitions(arrays["leave"].astype(np.int64), arrays["enter"].astype(np.int64), real("yaw"), real("shift"),
                        real("distance"))  # fmt: skip
-    return MotionGraph(
+    graph = MotionGraph(
         motion, arrays["starts"].astype(np.int64), tuple(str(n) for n in about["names"]),
         tuple(str(n) for n in about["labels"]), int(about["window"]), float(about["threshold"]), ways,
         arrays["component"].astype(np.bool_),
     )  # fmt: skip
+    _check(graph)
+    return graph
 
 
 def _check(graph: MotionGraph) -> None:

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.linalg import LinAlgError, solveh_banded
 from scipy.spatial.transform import Rotation, Slerp
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.fitting._banded_kernel import hold
+from muybridge.geometry.numerics.banded import solve_damped
 from muybridge.geometry.numerics.rotations import exp_so3
 from muybridge.motion.robots._solver_kernel import Terms, assemble, total_cost
 from muybridge.motion.robots.capsules import Capsules
@@ -217,19 +216,13 @@ def _gauss_newton(stretch: _Stretch, pose: RobotPose, options: SolveOptions, fix
         held = _held(stretch, pose, slope, fixed)
         accepted = False
         for _ in range(8):
-            matrix, right = hold(band, slope, held, damping)
-            try:
-                change = solveh_banded(
-                    matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False
-                )
-            except LinAlgError:
-                damping *= 10
-                continue
-            trial = _moved(stretch, pose, change.reshape(slope.shape))
-            now = stretch.cost(trial)
-            if now <= cost:
-                accepted = True
-                break
+            change = solve_damped(band, slope, held, damping)
+            if change is not None:
+                trial = _moved(stretch, pose, change)
+                now = stretch.cost(trial)
+                if now <= cost:
+                    accepted = True
+                    break
             damping *= 10
         if not accepted:
             break

@@ -6,27 +6,19 @@ the takes and the number of examples. The others are those of `Style` and of its
 precision.
 """
 
-import io
-import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from muybridge.errors import FormatError
-from muybridge.files import replacing
+from muybridge.described_npz import DescribedFile
 from muybridge.geometry.ik.pose_prior import PosePrior
 from muybridge.motion.style.model import Style
-from muybridge.npz import load_npz
 
 SUFFIX = ".style"
-VERSION = 1
-# Says that muybridge wrote the file, in its first bytes.
-MARK = "muybridge_style"
-_WHAT = "a style"
-_MOST_BYTES = 2**30
+# The mark says that muybridge wrote the file, in its first bytes.
+_FILE = DescribedFile("muybridge_style", "a style", "learn_style", packed=True)
 
 
 def save_style(path: Path, style: Style) -> None:
@@ -35,10 +27,9 @@ def save_style(path: Path, style: Style) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    about = {"version": VERSION, "joints": style.joints, "parents": style.parents, "roles": dict(style.roles),
+    about = {"joints": style.joints, "parents": style.parents, "roles": dict(style.roles),
              "takes": style.takes, "examples": style.examples}  # fmt: skip
     arrays: dict[str, NDArray[Any]] = {
-        MARK: np.frombuffer(json.dumps(about).encode(), np.uint8),
         "offsets": style.offsets,
         "mean_wxyz": style.mean_wxyz,
         "hinge_joints": style.hinge_joints.astype(np.int32),
@@ -49,14 +40,7 @@ def save_style(path: Path, style: Style) -> None:
         "factors": np.linalg.cholesky(style.prior.precisions).astype(np.float32),
         "log_scale": style.prior.log_scale,
     }
-    with replacing(Path(path)) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            data = io.BytesIO()
-            np.lib.format.write_array(data, np.ascontiguousarray(array), allow_pickle=False)
-            # One date, so that equal styles are equal files.
-            entry = zipfile.ZipInfo(f"{name}.npy")
-            entry.compress_type = zipfile.ZIP_STORED if name == MARK else zipfile.ZIP_DEFLATED
-            archive.writestr(entry, data.getbuffer())
+    _FILE.write(path, about, arrays)
 
 
 def load_style(path: Path) -> Style:
@@ -65,26 +49,7 @@ def load_style(path: Path) -> Style:
     Raises:
         FormatError: it is none, of another version, or damaged.
     """
-    path = Path(path)
-    if path.is_file() and not zipfile.is_zipfile(path):
-        raise FormatError(f"{path}: is no style", remedy="learn_style")
-    arrays = load_npz(path, what=_WHAT, limit=_MOST_BYTES)
-    if MARK not in arrays:
-        raise FormatError(f"{path}: is no style", remedy="learn_style")
-    try:
-        about = json.loads(arrays[MARK].astype(np.uint8).tobytes())
-        version = about["version"]
-    except (ValueError, KeyError, TypeError) as problem:
-        raise FormatError(f"{path}: the description of the style cannot be read") from problem
-    if version != VERSION:
-        raise FormatError(f"{path}: is a style of version {version!s:.20}; this muybridge reads version {VERSION}",
-                          remedy="learn_style")  # fmt: skip
-    try:
-        style = _style(about, arrays)
-        _check(style)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as problem:
-        raise FormatError(f"{path}: is damaged as a style ({problem!s:.200})") from problem
-    return style
+    return _FILE.read(path, _style)
 
 
 def _style(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Style:
@@ -102,11 +67,13 @@ def _style(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Style:
         counts[j] += 1
     factors = np.tril(real("factors"))
     prior = PosePrior(tuple(names), real("means"), factors @ np.swapaxes(factors, -1, -2), real("log_scale"))
-    return Style(
+    style = Style(
         joints, tuple(int(p) for p in about["parents"]), real("offsets"),
         {str(role): int(j) for role, j in about["roles"].items()}, real("mean_wxyz"), hinges, real("hinge_axes"),
         real("lower"), real("upper"), prior, tuple(str(t) for t in about["takes"]), int(about["examples"]),
     )  # fmt: skip
+    _check(style)
+    return style
 
 
 def _check(style: Style) -> None:

@@ -7,9 +7,7 @@ Writes videos/cam1.mp4 ... cam4.mp4, calibration.toml and truth.npz. Needs the `
 
 import pathlib
 import sys
-from collections.abc import Iterable
 
-import av
 import numpy as np
 from rich.progress import track
 
@@ -23,6 +21,7 @@ from muybridge.train.synthesis.rendering.multi_person_takes import view_of
 from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.takes import Room, choreograph, draw_frame, perform
 from muybridge.train.synthesis.rendering.view import look_at
+from scripts.assets.write_video import video_writer
 
 SEED, SECONDS, FPS = 20261, 4.0, 25
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 560.0
@@ -41,19 +40,6 @@ def cameras(target: np.ndarray) -> CameraGroup:
     return CameraGroup(tuple(placed))
 
 
-def write_video(
-    path: pathlib.Path, frames: Iterable[np.ndarray], size: tuple[int, int], fps: int, quality: int, preset: str
-) -> None:
-    """Write H.264 that every browser plays, from frames of this size (width, height)."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=fps, options={"crf": str(quality), "preset": preset})
-        stream.width, stream.height = size
-        stream.pix_fmt = "yuv420p"
-        for frame in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
-        container.mux(stream.encode())
-
-
 def main() -> None:
     out = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else "infer/demo_take")
     (out / "videos").mkdir(parents=True, exist_ok=True)
@@ -68,8 +54,9 @@ def main() -> None:
         view = view_of(camera)
         plate = room.render(view, outfit.light)
         numbers = track(range(len(batch.height)), camera.name)
-        frames = [draw_frame(renderer, plate, view, batch, outfit, t, rng) for t in numbers]
-        write_video(out / "videos" / f"{camera.name}.mp4", frames, (WIDTH, HEIGHT), FPS, 23, "slow")
+        with video_writer(out / "videos" / f"{camera.name}.mp4", (WIDTH, HEIGHT), FPS, 23, "slow") as write:
+            for t in numbers:
+                write(draw_frame(renderer, plate, view, batch, outfit, t, rng))
     save_calibration(group, out / "calibration.toml")
     np.savez_compressed(
         out / "truth.npz", points_world=batch.landmarks.astype(np.float32), names=np.array(BODY23.names), fps=FPS

@@ -25,7 +25,7 @@ from muybridge.train.synthesis.rendering.renderer import Renderer
 from muybridge.train.synthesis.rendering.scene_renderer import SceneRenderer, share_light
 from muybridge.train.synthesis.rendering.takes import Room, draw_scene
 from muybridge.train.synthesis.rendering.view import View
-from scripts.assets.demo_take import write_video
+from scripts.assets.write_video import video_writer
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,9 @@ def make(plan: Plan, out: pathlib.Path) -> None:
         )
         noisy = ((f + rng.normal(0, plan.noise, f.shape)).clip(0, 255).astype(np.uint8) for f in frames)
         path = out / "videos" / f"{camera.name}.mp4"
-        write_video(path, noisy, (camera.width, camera.height), plan.fps, 24, "fast")
+        with video_writer(path, (camera.width, camera.height), plan.fps, 24, "fast") as write:
+            for image in noisy:
+                write(image)
     truth = points.astype(np.float32)
     np.savez_compressed(out / "truth.npz", points_world=truth, names=np.array(BODY23.names), fps=plan.fps)
     save_calibration(group, out / "calibration.toml")  # written last: it marks a take as complete

@@ -1,16 +1,13 @@
 """The command `blend`: one motion between several."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
-from muybridge.infer.commands.convert import Units
-from muybridge.infer.commands.motion.join import write_made
-from muybridge.infer.pipelines.characters.blending import blend_files, check_files, read_material
+from muybridge.infer.commands.motion.join import Making
+from muybridge.infer.pipelines.characters.blending import blend_files
 from muybridge.infer.runtime.progress import Progress
-from muybridge.motion.formats.points.common import check_fps
-from muybridge.motion.formats.registry import ReadOptions
 
 COMMON_OPTIONS = {"blend": ("out", "weights", "times", "overwrite")}
 
@@ -19,15 +16,10 @@ def blend(
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILE...")],
     /,
     *,
-    out: Path,
+    options: Annotated[Making, tyro.conf.arg(name="")],
     weights: tuple[float, ...] = (),
     times: tuple[float, ...] = (),
     plant: bool = True,
-    fps: float | None = None,
-    units: Units | None = None,
-    clip: str | None = None,
-    to_units: Literal["m", "cm"] = "m",
-    overwrite: bool = False,
 ) -> int:
     """Make one motion between several of one skeleton, such as a walk between a slow and a fast one.
 
@@ -40,20 +32,11 @@ def blend(
 
     Args:
         files: files of motion, in any formats, of one skeleton.
-        out: file to write, in any format of motion.
+        options: what is read and written.
         weights: one for each file, which sum to 1; or as many for one time after the other (default: all alike).
         times: seconds of OUT at which several sets of weights hold (default: spread evenly over it).
         plant: hold feet still while they stand.
-        fps: frames per second of OUT (default: those of the first file).
-        units: unit of lengths, of files that do not say or say it wrongly; cmu is 0.0254 / 0.45 m.
-        clip: name or number (from 0) of the animation, of files that hold several (default: the first).
-        to_units: unit of lengths in a BVH file that is written; every other format has its own.
-        overwrite: replace OUT if it exists.
     """
-    check_fps(fps)
-    check_files(files, out, overwrite, "a blend")
     progress = Progress()
-    material = read_material(files, ReadOptions(units=units, clip=clip), fps)
-    for notice in material.notices:
-        progress.notice(notice)
-    return write_made(blend_files(material, weights, times, plant), out, to_units, progress)
+    material = options.read(files, "a blend", progress)
+    return options.write(blend_files(material, weights, times, plant), progress)

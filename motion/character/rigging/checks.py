@@ -14,6 +14,8 @@ _LUMP = 0.38  # of that extent: a ball that large within a body leaves no room f
 _WINDING = 1.5  # of it, which a straight way through a body cannot reach; ways through loose faces wind
 _LOW = 0.35  # of it: who stands upright is taller, whatever the arms do
 _LEG = 0.3  # of the height that a leg is long at least, from end to trunk
+_ARM = 0.1  # of the height that some of a body with arms is off its middle, above its feet
+_FEET = 0.15  # of the height
 _FAR_APART = 0.1  # of the height between the feet of a body, if two of them are on one side
 _HEAD = 0.8  # of the height from which an end may be a head
 _BESIDE = 0.25  # of the height that the head of a body beside another is off the middle
@@ -28,7 +30,7 @@ def check_body(vertices: FloatArray, triangles: IntArray, four_legs: bool) -> No
         four_legs: whether it may stand on four legs.
 
     Raises:
-        NoBody: it is a ball, loose faces, a scene, an animal, or two bodies that touch.
+        NoBody: it is a ball, loose faces, a scene, an animal, or two bodies that touch, or too narrow to have arms.
     """
     volume = fill_volume(vertices, triangles, _COARSE)
     extent = np.ptp(vertices[np.unique(triangles)], axis=0)
@@ -47,6 +49,9 @@ def check_body(vertices: FloatArray, triangles: IntArray, four_legs: bool) -> No
         raise NoBody("it stands on four legs", four_legs=True)
     if _stand_beside_each_other(branches, height):
         raise NoBody("it is two bodies that touch; save each in a file of its own")
+    used = vertices[np.unique(triangles)]
+    if np.abs(used[used[:, 2] > _FEET * extent[2], 0]).max(initial=0.0) < _ARM * extent[2]:
+        raise NoBody("no arms were found")
 
 
 def _stand_beside_each_other(branches: Sequence[Branch], height: float) -> bool:

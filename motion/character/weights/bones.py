@@ -62,7 +62,7 @@ class Bones:
         return np.asarray(way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12))
 
 
-def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
+def bones_in(surface: Surface, joints: FloatArray, parents: IntArray, still: BoolArray | None = None) -> Bones:
     """The segments of the joints that move a surface.
 
     A bone that is outside of the mesh moves nothing: a root on the floor, a target of inverse kinematics, a slot for
@@ -73,6 +73,7 @@ def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
         surface: of the mesh.
         joints: (J, 3) metres, at rest.
         parents: (J,) of the joints; -1 for a root.
+        still: (J,) joints that move nothing wherever they are; a bone may end at one.
     """
     parents = np.asarray(parents, np.int64)
     count = len(joints)
@@ -90,6 +91,8 @@ def bones_in(surface: Surface, joints: FloatArray, parents: IntArray) -> Bones:
         if part > 1 - _MOST_OUTSIDE and (inside[p] or parents[p] >= 0):
             kept[p].append(j)
     moves = inside | np.array([bool(kept[j]) for j in range(count)])
+    if still is not None:
+        moves &= ~still
     moves &= ~_controls(joints, parents, kept, moves, surface)
     if not moves.any():
         moves[:] = True

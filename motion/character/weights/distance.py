@@ -33,7 +33,7 @@ def distance_weights(bones: Bones, distance: FloatArray, along: FloatArray, pare
     share = np.clip(0.5 - 0.5 * along[rows, nearest] / width, 0.0, 0.5) * ((up >= 0) & moving[up])
     out[rows, joint] -= share
     out[rows, np.maximum(up, 0)] += share
-    for s in np.nonzero(bones.child >= 0)[0]:
+    for s in np.nonzero((bones.child >= 0) & moving[bones.child])[0]:
         own = nearest == s
         share = np.clip(0.5 - 0.5 * (length[own] - along[own, s]) / width[own], 0.0, 0.5)
         out[own, bones.joint[s]] -= share

@@ -1,6 +1,6 @@
 """Weights for a mesh and the joints in it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from muybridge.motion.character.weights.distance import distance_weights
 from muybridge.motion.character.weights.graph import FLOOR, WeightGraph, weight_graph
 from muybridge.motion.character.weights.heat import heat_weights
 from muybridge.motion.character.weights.islands import follow_surface
+from muybridge.motion.character.weights.names import without_flesh
 from muybridge.motion.character.weights.voxels import voxel_weights
 from muybridge.motion.character.weights.ways import find_ways
 
@@ -48,7 +49,7 @@ class WeightOptions:
 
 def skin_weights(
     vertices: FloatArray, triangles: IntArray, joints: FloatArray, parents: IntArray, method: str = "auto",
-    options: WeightOptions | None = None, network: WeightNetwork | None = None,
+    options: WeightOptions | None = None, network: WeightNetwork | None = None, names: Sequence[str] | None = None,
 ) -> FloatArray:  # fmt: skip
     """(V, J) weights of a mesh's vertices, at most `options.influences` above zero in a row, each row's sum one.
 
@@ -65,6 +66,8 @@ def skin_weights(
             is in pieces.
         options: see `WeightOptions`.
         network: corrects weights by heat; other methods do without.
+        names: (J,) of the joints. Slots for props, targets and controls lie inside of many meshes and are known by
+            their names alone; they get no weight either.
 
     Raises:
         ValueError: no such method, or arrays that do not fit together or are not finite.
@@ -73,10 +76,13 @@ def skin_weights(
     vertices, joints = np.asarray(vertices, np.float64), np.asarray(joints, np.float64)
     triangles, parents = np.asarray(triangles, np.int64), np.asarray(parents, np.int64)
     _check(vertices, triangles, joints, parents, method)
+    if names is not None and len(names) != len(parents):
+        raise ValueError(f"names must be those of the {len(parents)} joints, not {len(names)}")
+    still = None if names is None else without_flesh(names, parents)
     surface = join_vertices(vertices, triangles).outward()
     coarse = len(surface.points) > _MOST_POINTS
     solved = surface.coarser(_MOST_POINTS) if coarse else surface
-    weights = _solve(solved, joints, parents, method, options, network)
+    weights = _solve(solved, bones_in(solved, joints, parents, still), parents, method, options, network)
     if coarse:
         weights = _smoothed(surface, weights[solved.point_of], _SMOOTHED)
     return _pruned(weights, options)[surface.point_of]
@@ -111,11 +117,10 @@ def _check(vertices: FloatArray, triangles: IntArray, joints: FloatArray, parent
 
 
 def _solve(
-    surface: Surface, joints: FloatArray, parents: IntArray, method: str, options: WeightOptions,
+    surface: Surface, bones: Bones, parents: IntArray, method: str, options: WeightOptions,
     network: WeightNetwork | None,
 ) -> FloatArray:  # fmt: skip
     """(P, J) weights before pruning."""
-    bones = bones_in(surface, joints, parents)
     if method == "auto":
         method = "voxels" if surface.border.mean() > _BROKEN else "heat"
     if method == "distance":

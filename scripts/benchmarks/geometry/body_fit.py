@@ -8,7 +8,7 @@ joints: the truth are a BVH file's own joints (one point for joints at the same 
 limits of `skeleton.profiles`. `take, bones calibrated` starts from a skeleton with errors of up to 15 % in every bone
 and estimates the lengths from the same noisy points. `fit_body` is the complete path from points to the project's own
 body: left-right correction, outliers, lengths, pose; its points are 23 landmarks on the same skeleton. Frames per
-second are of processor time of the one computing thread, the best of three, so that other load matters little.
+second are of processor time of all threads, the best of three: other load matters little, and threads that spin count.
 
 landmarks: the distance of smoothed points and of the fitted body from the truth under the errors of a weak network.
 There are two truths: the smoothed reference of the balancing take (a slow man, whose points are not rigid), and CMU
@@ -54,13 +54,13 @@ def rmse(found: np.ndarray, truth: np.ndarray) -> float:
 
 
 def timed(function: Callable[[], object], repeats: int = 3) -> float:
-    """Least processor time of this thread, seconds; the first run compiles and is not counted."""
+    """Least processor time of all threads, seconds; the first run compiles and is not counted."""
     function()
     times = []
     for _ in range(repeats):
-        start = time.thread_time()
+        start = time.process_time()
         function()
-        times.append(time.thread_time() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
@@ -112,10 +112,10 @@ def measure_joints(arguments: argparse.Namespace) -> None:
             ratio = rmse(found.landmarks_world, truth) / before
             report(what, ratio, len(truth) / seconds, bone_spread(found.motion), violations(found, names))
         wrong = replace(skeleton, offsets=skeleton.offsets * wrong_lengths(skeleton.names, seed)[:, None])
-        start = time.thread_time()
+        start = time.process_time()
         calibrated, rigged = calibrate_skeleton(wrong, points, motion.fps, rigging)
         found = fit_take(calibrated, points, motion.fps, rigged)
-        seconds = time.thread_time() - start
+        seconds = time.process_time() - start
         ratio = rmse(found.landmarks_world, truth) / before
         report(
             "take, bones calibrated", ratio, len(truth) / seconds, bone_spread(found.motion), violations(found, names)

@@ -10,10 +10,13 @@ written as a session folder for `muybridge run-markers FOLDER`, which is run and
 
 import argparse
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from muybridge.geometry.calibration import save_calibration
+from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.marker_sets import PLUG_IN_GAIT
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions, find_markers, triangulate_again
@@ -22,6 +25,7 @@ from muybridge.train.synthesis.markers.trajectories import MarkerBodies
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, markers_in_sight, ring_of_cameras
 from muybridge.train.synthesis.motions.rig import forward, turn
 from muybridge.train.synthesis.motions.sampler import MotionSampler
+from scripts.assets.write_video import video_writer
 
 FPS = 120.0
 LIMBS = (
@@ -92,14 +96,14 @@ def main() -> None:
     sight = [markers_in_sight(cameras, truth[t], normals[t], limbs[t], radii) for t in range(len(truth))]
     views = np.array([s.sum(0) for s in sight])
     print(f"{views.mean():.1f} cameras see a marker; {(views < 2).mean():.2%} of markers are seen by fewer than two")
-    writers = _writers(options.session, cameras) if options.session else None
+    place = ExitStack()
+    writers = [place.enter_context(writer) for writer in _writers(options.session, cameras)]
     thresholds: list[float] = []
     seen = []
     for t in range(len(truth)):
         images = [draw_markers(c, truth[t, sight[t][k]], lamps, faults, rng) for k, c in enumerate(cameras)]
-        if writers:
-            for writer, image in zip(writers, images, strict=True):
-                writer.write(np.repeat(image[..., None], 3, axis=2))
+        for write, image in zip(writers, images, strict=False):
+            write(np.repeat(image[..., None], 3, axis=2))
         thresholds = thresholds or [find_threshold([i]) for i in images]
         seen.append([find_blobs(i, h) for i, h in zip(images, thresholds, strict=True)])
     begun = time.process_time()
@@ -114,9 +118,8 @@ def main() -> None:
     named(labelled.points, truth, views, "named")
     again, _ = triangulate_again(cameras, seen, labelled.points)
     named(again, truth, views, "named, triangulated again")
-    if writers:
-        for writer in writers:
-            writer.__exit__(None, None, None)
+    place.close()
+    if options.session:
         _run(options.session, truth, views)
 
 
@@ -130,14 +133,13 @@ def named(points: np.ndarray, truth: np.ndarray, views: np.ndarray, title: str) 
           f"named rightly, {rms:.2f} mm RMS")  # fmt: skip
 
 
-def _writers(folder: Path, cameras: object) -> list:
-    from muybridge.geometry.calibration import save_calibration
-    from muybridge.infer.session.write_video import VideoWriter
-
+def _writers(folder: Path | None, cameras: CameraGroup) -> list:
+    """Writers of the cameras' videos into a session folder; none without a folder."""
+    if folder is None:
+        return []
     (folder / "videos").mkdir(parents=True, exist_ok=True)
     save_calibration(cameras, folder / "calibration.toml")
-    return [VideoWriter(folder / "videos" / f"{c.name}.mp4", c.width, c.height, FPS, crf=14).__enter__()
-            for c in cameras]  # fmt: skip
+    return [video_writer(folder / "videos" / f"{c.name}.mp4", (c.width, c.height), FPS, crf=14) for c in cameras]
 
 
 def _run(folder: Path, truth: np.ndarray, views: np.ndarray) -> None:

@@ -72,7 +72,8 @@ def score(name: str, skin: Skin, skeleton: Skeleton, root: FloatArray, network: 
         start = time.process_time()
         learned = method == "learned"
         weights = skin_weights(skin.positions, skin.triangles, joints, np.array(skeleton.parents),
-                               "heat" if learned else method, network=network if learned else None)  # fmt: skip
+                               "heat" if learned else method, network=network if learned else None,
+                               names=skeleton.names)  # fmt: skip
         seconds = time.process_time() - start
         most = int(np.count_nonzero(weights, axis=1).max())
         chosen = np.argsort(-weights, axis=1)[:, :most]

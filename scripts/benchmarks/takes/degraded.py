@@ -19,8 +19,8 @@ import numpy as np
 from muybridge.arrays import ByteArray
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
-from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.trc import read_trc
+from scripts.assets.write_video import video_writer
 from scripts.benchmarks.common import JOINTS, balancing_joints, print_header, reference_distances, run_muybridge
 
 
@@ -116,9 +116,9 @@ def make(source: pathlib.Path, session: pathlib.Path, degrade: Callable[[ByteArr
     for video in sorted((source / "videos").iterdir()):
         info = probe_video(video)
         frames = (frame for chunk in read_chunks(info) for frame in chunk)
-        with VideoWriter(session / "videos" / f"{video.stem}.mp4", info.width, info.height, info.fps) as writer:
+        with video_writer(session / "videos" / f"{video.stem}.mp4", (info.width, info.height), info.fps) as write:
             for index, frame in enumerate(frames):
-                writer.write(degrade(frame, index))
+                write(degrade(frame, index))
     shutil.copytree(source / "calibration", session / "calibration")
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.commands.motion.blend import blend
-from muybridge.infer.commands.motion.join import join
+from muybridge.infer.commands.motion.join import Making, join
 from muybridge.motion.formats.points.trc import write_trc
 from muybridge.motion.formats.registry import read_file
 from muybridge.motion.formats.skeletal.bvh import read_bvh, write_bvh
@@ -49,7 +49,7 @@ def test_a_join_at_given_times_and_other_frame_rates(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = [folder / "walk.bvh", folder / "slow.bvh", folder / "walk.bvh"]
-    assert join(tuple(files), out=tmp_path / "all.glb", at=(2.0, 0.5, 2.0, 0.5), units="m") == 0
+    assert join(tuple(files), options=Making(tmp_path / "all.glb", units="m"), at=(2.0, 0.5, 2.0, 0.5)) == 0
     printed = capsys.readouterr()
     assert "slow.bvh is resampled from 30 to 60 frames/s" in " ".join(printed.err.split())
     assert "walk.bvh at 2.00 s -> slow.bvh at 0.50 s: frame 121" in printed.out
@@ -116,5 +116,12 @@ def test_points_and_files_that_are_there_are_refused(
 
 def test_commands_can_be_called_from_python(folder: Path, tmp_path: Path) -> None:
     files = (folder / "walk.bvh", folder / "fast.bvh")
-    assert blend(files, out=tmp_path / "b.bvh", units="m", plant=False) == 0
+    assert blend(files, options=Making(tmp_path / "b.bvh", units="m"), plant=False) == 0
     assert (tmp_path / "b.bvh").is_file()
+
+
+def test_options_may_stand_between_the_files(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "both.bvh"
+    words = [str(folder / "walk.bvh"), "--out", str(out), "--units", "m", "--no-plant", str(folder / "fast.bvh")]
+    assert run_command(["join", *words]) == 0
+    assert out.is_file()

@@ -11,7 +11,7 @@ from muybridge.infer.detection.resample import on_time, resample_tracks
 from muybridge.infer.detection.tracks import CameraTracks, LandmarkArrays, by_name
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
-from muybridge.infer.session.write_video import VideoWriter
+from scripts.assets.write_video import video_writer
 
 FPS, COUNT = 30.0, len(BODY23)
 
@@ -96,11 +96,11 @@ def film(path, positions, step=40, depth=180):
     """A bright square on a noisy ground at each of these places."""
     rng = np.random.default_rng(1)
     ground = rng.integers(40, 60, (160, 320, 3)).astype(np.uint8)
-    with VideoWriter(path, 320, 160, FPS) as writer:
+    with video_writer(path, (320, 160), FPS) as write:
         for x in positions:
             frame = ground.copy()
             frame[60:100, int(x) : int(x) + step] = 60 + depth
-            writer.write(frame)
+            write(frame)
     return probe_video(path)
 
 

@@ -10,10 +10,10 @@ from muybridge.geometry.markers.matching import MatchOptions, find_real_markers,
 from muybridge.geometry.markers.tracking import track_points
 from muybridge.infer.commands.app import run_command
 from muybridge.infer.detection.blobs import find_blobs, find_threshold
-from muybridge.infer.session.write_video import VideoWriter
 from muybridge.motion.formats.points.c3d import read_c3d
 from muybridge.motion.formats.skeletal.bvh import read_bvh
 from muybridge.train.synthesis.markers.video import VideoFaults, draw_markers, ring_of_cameras
+from scripts.assets.write_video import video_writer
 from tests.run_record import check_record
 
 
@@ -124,11 +124,11 @@ def test_a_session_of_marker_videos_is_processed(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     save_calibration(cameras, tmp_path / "calibration.toml")
     for camera in cameras:
-        with VideoWriter(tmp_path / "videos" / f"{camera.name}.mp4", 640, 640, 120.0, crf=12) as writer:
+        with video_writer(tmp_path / "videos" / f"{camera.name}.mp4", (640, 640), 120.0, crf=12) as write:
             for points in truth:
                 seen = points[rng.random(len(points)) < 0.8]
                 image = draw_markers(camera, seen, np.zeros((0, 3)), VideoFaults(flickers=0.5), rng)
-                writer.write(np.repeat(image[..., None], 3, axis=2))
+                write(np.repeat(image[..., None], 3, axis=2))
     assert run_command(["run-markers", str(tmp_path), "--quiet"]) == 0
     out = tmp_path / "muybridge"
     points = read_c3d(out / "points.c3d")

@@ -8,7 +8,7 @@ from muybridge.infer.pipelines.videos import RunOptions, run_session
 from muybridge.infer.runtime.progress import Progress
 from muybridge.infer.session.probe import probe_video
 from muybridge.infer.session.video import read_chunks
-from muybridge.infer.session.write_video import VideoWriter
+from scripts.assets.write_video import video_writer
 from scripts.benchmarks.takes.work_counts import counted
 from tests.conftest import first_frames_of_demo
 
@@ -45,6 +45,6 @@ def _enlarge(video: Path) -> None:
     """Make a video of 640 x 480 pixels one of 1920 x 1440."""
     info = probe_video(video)
     frames = [frame for chunk in read_chunks(info) for frame in chunk]
-    with VideoWriter(video, 3 * info.width, 3 * info.height, info.fps) as writer:
+    with video_writer(video, (3 * info.width, 3 * info.height), info.fps) as write:
         for frame in frames:
-            writer.write(np.repeat(np.repeat(frame, 3, axis=0), 3, axis=1))
+            write(np.repeat(np.repeat(frame, 3, axis=0), 3, axis=1))

@@ -94,7 +94,7 @@ def test_page_is_small_and_asks_for_nothing_elsewhere(walk: Path) -> None:
     scene = read_scene(walk)
     page = render_page([scene])
     assert len(page) - len(json.dumps(scene.packed)) < MOST_BYTES
-    for name in ("viewer.html", "component.html", "viewer.css", "maths.js", "drawing.js", "viewer.js"):
+    for name in ("page.html", "component.html", "viewer.css", "maths.js", "drawing.js", "viewer.js"):
         assert not re.search(r"https?://|\bfetch\(|@import|<link rel=.style|src=", read_asset(name))
 
 

@@ -25,6 +25,14 @@ def beside(share):
     return together([BODY, (BODY[0] + [share * float(np.ptp(BODY[0][:, 0])), 0, 0], BODY[1])])
 
 
+def armless():
+    parts = [capsule([0, 0, 0.9], [0, 0, 1.45], 0.14, 0.12), capsule([0, 0, 1.45], [0, 0, 1.7], 0.07, 0.09)]
+    for s in (1, -1):
+        parts += [capsule([s * 0.09, 0, 0.9], [s * 0.1, 0, 0.08], 0.08, 0.05),
+                  capsule([s * 0.1, 0.03, 0.06], [s * 0.1, -0.17, 0.05], 0.05, 0.04)]  # fmt: skip
+    return together(parts)
+
+
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
@@ -34,8 +42,9 @@ def beside(share):
         (together([BODY, FLOOR]), "such as a floor"),
         (beside(0.98), "two bodies that touch"),
         (animal(), "four legs"),
+        (armless(), "no arms were found"),
     ],
-    ids=["ball", "sky", "loose faces", "floor", "touching", "animal"],
+    ids=["ball", "sky", "loose faces", "floor", "touching", "animal", "armless"],
 )
 def test_no_body_is_told_before_it_is_measured(mesh, said, monkeypatch):
     def late(*_, **__):

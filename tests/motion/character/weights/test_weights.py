@@ -7,6 +7,7 @@ from muybridge.motion.character import WEIGHT_METHODS, WeightOptions, read_chara
 from muybridge.motion.character.surface import join_vertices
 from muybridge.motion.character.weights import packed_weights
 from muybridge.motion.character.weights.bones import bones_in
+from muybridge.motion.character.weights.names import without_flesh
 from muybridge.motion.character.weights.rays import RayGrid
 from tests.motion.character.skinning.tubes import tube
 from tests.paths import SHARED
@@ -67,6 +68,30 @@ def test_roots_on_the_floor_and_targets_outside_get_nothing() -> None:
     joints = np.vstack([[[0.0, 0, -2.0]], JOINTS, [[1.0, 0.9, 0]]])
     weights = skin_weights(points, triangles, joints, np.array([-1, 0, 1, 2, 0]))
     assert not weights[:, [0, 4]].any()
+
+
+@pytest.mark.parametrize("method", WEIGHT_METHODS)
+def test_a_slot_for_a_weapon_inside_of_the_hand_gets_nothing(method: str) -> None:
+    points, triangles = tube()
+    joints, parents = np.array([[0.1, 0, 0], [1.0, 0, 0], [1.7, 0, 0.05]]), np.array([-1, 0, 1])
+    unnamed = skin_weights(points, triangles, joints, parents, method)
+    assert unnamed[:, 2].max() > 0.5
+    weights = skin_weights(points, triangles, joints, parents, method, names=("arm.l", "hand.l", "handslot.l"))
+    assert not weights[:, 2].any()
+    assert weights[points[:, 0] > 1.4, 1].min() > 0.85
+    # With a finger below it, the joint is a bone, whatever its name.
+    joints, parents = np.vstack([joints, [[1.95, 0, 0.05]]]), np.array([-1, 0, 1, 2])
+    fingers = skin_weights(points, triangles, joints, parents, method, names=("arm", "hand", "ik_hand", "finger"))
+    assert fingers[:, 2].max() > 0.3
+
+
+def test_names_tell_slots_targets_controls_and_ends() -> None:
+    others = ("handslot.l", "kneeIK.r", "IK-foot.l", "control-toe-roll.l", "mixamorig:HeadTop_End", "weapon_r",
+              "Bip01 HeadNub", "shoulder_target")  # fmt: skip
+    bones = ("hand.l", "propeller", "spike", "mixamorig:Spine", "tail_1", "bend.l", "Weaponless")
+    assert without_flesh(others, np.full(len(others), -1)).all()
+    assert not without_flesh(bones, np.full(len(bones), -1)).any()
+    assert without_flesh(("root_ctrl", "prop", "hand"), np.array([-1, 2, 0])).tolist() == [False, True, False]
 
 
 def test_any_mesh_gets_weights(recwarn: pytest.WarningsRecorder) -> None:
@@ -155,6 +180,8 @@ def test_weights_are_near_an_artist_s(name: str) -> None:
         np.add.at(artist, (rows, mesh.joints), mesh.weights)
         start += len(rows)
     joints = character.rest_motion().joint_positions_world()[0]
-    weights = skin_weights(vertices, triangles, joints, np.array(character.skeleton.parents))
+    names = character.skeleton.names
+    weights = skin_weights(vertices, triangles, joints, np.array(character.skeleton.parents), names=names)
+    assert not weights[:, [k for k, n in enumerate(names) if "slot" in n or "IK" in n]].any()
     assert np.abs(weights - artist).sum(axis=1).mean() < 0.42
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
