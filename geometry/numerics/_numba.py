@@ -8,8 +8,8 @@ from typing import Any
 from numba import njit
 from numba.extending import register_jitable
 
-# For what Python calls. A wrapper for C would only cost time.
-compiled = njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+# For what Python calls.
+compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 # For what only kernels call. Compiled into each of them, without the entry from Python and the file in the cache that
 # take half of the time that compiling takes. Python that calls it runs it as it stands.
