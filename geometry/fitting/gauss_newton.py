@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import LinAlgError, solveh_banded
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.fitting._banded_kernel import assemble, hold, total_cost
@@ -151,7 +151,9 @@ def _held(problem: Problem, pose: Pose, gradient: FloatArray, fixed_frames: int)
 def _step(band: FloatArray, gradient: FloatArray, held: BoolArray, damping: float) -> FloatArray:
     """Solve for the damped step (T, N), zero where held."""
     matrix, right = hold(band, gradient, held, damping)
-    step = solveh_banded(matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False)
+    step = scipy.linalg.solveh_banded(
+        matrix.T, right, lower=True, overwrite_ab=True, overwrite_b=True, check_finite=False
+    )
     return np.asarray(step.reshape(gradient.shape))
 
 
@@ -185,7 +187,7 @@ def solve(problem: Problem, pose: Pose, steps: int, fixed_frames: int = 0, dampi
         for _ in range(6):
             try:
                 trial = moved(problem, pose, _step(band, gradient, held, damping))
-            except LinAlgError:
+            except np.linalg.LinAlgError:
                 damping = max(damping * 10, 1e-6)
                 continue
             trial_value = cost(problem, trial)
