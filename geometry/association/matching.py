@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.association.options import TrackingOptions
@@ -180,7 +180,7 @@ class DetectionMatcher:
             same_slot = last[c][:, None] == columns[None]
             cost = away[c][:, columns] - _SAME_SLOT_BONUS * same_slot
             allowed = away[c][:, columns] < gate[:, None]
-            rows, cols = linear_sum_assignment(np.where(allowed, cost, 10.0))
+            rows, cols = scipy.optimize.linear_sum_assignment(np.where(allowed, cost, 10.0))
             good = allowed[rows, cols]
             chosen[c, rows[good]] = columns[cols[good]]
         return chosen

@@ -18,7 +18,7 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.errors import CalibrationError
-from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras import _pycolmap as pycolmap
 from muybridge.geometry.cameras.camera import Camera, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras.group import CameraGroup
 

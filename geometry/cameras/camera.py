@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras import _pycolmap as pycolmap
 
 _HALF_PIXEL = 0.5
 

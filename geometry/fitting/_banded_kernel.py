@@ -9,12 +9,12 @@ import math
 import numpy as np
 
 from muybridge.arrays import FloatArray
-from muybridge.geometry.fitting._chain_kernel import misfit, normal_equations
+from muybridge.geometry.fitting._chain_kernel import forward_one, normal_equations, place_child
 from muybridge.geometry.fitting.chain import Chain
-from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics._numba import compiled, leaf, subroutine
 
 
-@compiled
+@subroutine
 def log_between(before: FloatArray, after: FloatArray, out: FloatArray) -> None:
     """Rotation vector of `after before^T`, which is taken to be a turn of less than pi."""
     r = np.empty((3, 3))
@@ -26,7 +26,8 @@ def log_between(before: FloatArray, after: FloatArray, out: FloatArray) -> None:
     cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1)
     if cosine > -0.99:
         scale = 1.0 + sine * sine / 6 if sine < 1e-5 else math.atan2(sine, cosine) / sine
-        out[:] *= scale
+        for i in range(3):
+            out[i] *= scale
         return
     # Near half a turn the antisymmetric part vanishes: the axis is the largest column of r + 1.
     best = 0
@@ -41,7 +42,7 @@ def log_between(before: FloatArray, after: FloatArray, out: FloatArray) -> None:
         out[i] = sign * axis[i] / norm * math.atan2(sine, cosine)
 
 
-@compiled
+@subroutine
 def differences(chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray) -> FloatArray:
     """(T - 1, N) from each frame to the next."""
     n = len(chain.above)
@@ -62,9 +63,20 @@ def total_cost(
     velocity: FloatArray, acceleration: FloatArray,
 ) -> float:  # fmt: skip
     """Half the weighted sum of squares of all terms; `velocity` and `acceleration` are (N,)."""
-    total = misfit(chain, root, turn, angles, targets, information)
+    j_count, n = len(chain.parents), len(chain.above)
+    turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((0, 3))
+    e = np.empty(3)
+    total = 0.0
+    for t in range(len(root)):
+        forward_one(chain, turn[t], angles[t], turns, places, axes, False)
+        for landmark in range(len(chain.carrier)):
+            w, j = information[t, landmark], chain.carrier[landmark]
+            place_child(turns[j], places[j], chain.places[landmark], e)
+            for i in range(3):
+                e[i] += root[t, i] - targets[t, landmark, i]
+            for i in range(3):
+                total += 0.5 * e[i] * (w[i, 0] * e[0] + w[i, 1] * e[1] + w[i, 2] * e[2])
     step = differences(chain, root, turn, angles)
-    n = len(chain.above)
     for t in range(len(root)):
         for k in range(n - 6):
             total += 0.5 * chain.prior[k] * (angles[t, chain.open_joint[k], chain.open_axis[k]] - chain.rest[k]) ** 2
@@ -76,7 +88,7 @@ def total_cost(
     return total
 
 
-@compiled
+@leaf
 def resist_acceleration(
     band: FloatArray, slope: FloatArray, step: FloatArray, t: int, i: int, weight: float
 ) -> None:  # fmt: skip
@@ -114,8 +126,7 @@ def assemble(
     band[:] = 0.0
     slope = np.empty((t_count, n))
     for t in range(t_count):
-        one = slice(t, t + 1)
-        matrix, own, _ = normal_equations(chain, root[one], turn[one], angles[one], targets[one], information[one])
+        matrix, own, _ = normal_equations(chain, root, turn, angles, targets, information, t, t + 1)
         start = t * n
         for a in range(n):
             slope[t, a] = own[0, a]

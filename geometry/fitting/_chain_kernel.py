@@ -18,10 +18,10 @@ import numpy as np
 
 from muybridge.arrays import FloatArray, IntArray
 from muybridge.geometry.fitting.chain import Chain
-from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics._numba import compiled, leaf, subroutine
 
 
-@compiled
+@leaf
 def exp_one(x: float, y: float, z: float, out: FloatArray) -> None:
     """Rotation matrix of a rotation vector (Rodrigues)."""
     square = x * x + y * y + z * z
@@ -37,7 +37,7 @@ def exp_one(x: float, y: float, z: float, out: FloatArray) -> None:
     out[1, 2], out[2, 1] = b * y * z - a * x, b * y * z + a * x
 
 
-@compiled
+@leaf
 def left_jacobian_one(x: float, y: float, z: float, out: FloatArray) -> None:
     """`exp(v + dv) = exp(J dv) exp(v)` to first order."""
     square = x * x + y * y + z * z
@@ -53,7 +53,7 @@ def left_jacobian_one(x: float, y: float, z: float, out: FloatArray) -> None:
     out[1, 2], out[2, 1] = c * y * z - b * x, c * y * z + b * x
 
 
-@compiled
+@leaf
 def multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """3 x 3 product."""
     for i in range(3):
@@ -61,7 +61,7 @@ def multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
             out[i, k] = a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
 
 
-@compiled
+@subroutine
 def forward_one(
     chain: Chain,
     turn: FloatArray,
@@ -73,7 +73,10 @@ def forward_one(
 ) -> None:
     """Joint orientations (J, 3, 3) and places (J, 3) about the root, and the world axis (K, 3) of each open angle."""
     swing, roll, local = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    turns[0], places[0] = turn, 0.0
+    for i in range(3):
+        places[0, i] = 0.0
+        for k in range(3):
+            turns[0, i, k] = turn[i, k]
     for j in range(1, len(chain.parents)):
         up = chain.parents[j]
         place_child(turns[up], places[up], chain.offsets[j], places[j])
@@ -88,7 +91,9 @@ def forward_one(
         else:
             z = 0.0
         if first == last and rolled == 0 and x == 0 and y == 0 and z == 0:
-            turns[j] = turns[up]
+            for i in range(3):
+                for k in range(3):
+                    turns[j, i, k] = turns[up, i, k]
             continue
         exp_one(x, y, z, swing)
         multiply(turns[up], swing, local)
@@ -114,10 +119,13 @@ def rotations_of(chain: Chain, turn: FloatArray, angles: FloatArray) -> FloatArr
     out = np.empty((*angles.shape, 3))
     swing, roll, bent = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for t in range(len(angles)):
-        out[t, 0] = turn[t]
+        for i in range(3):
+            for k in range(3):
+                out[t, 0, i, k] = turn[t, i, k]
         for j in range(1, len(chain.parents)):
             twist = chain.twist[j]
-            bent[:] = angles[t, j]
+            for i in range(3):
+                bent[i] = angles[t, j, i]
             rolled, bent[twist] = bent[twist], 0.0
             exp_one(bent[0], bent[1], bent[2], swing)
             bent[:] = 0.0
@@ -127,18 +135,11 @@ def rotations_of(chain: Chain, turn: FloatArray, angles: FloatArray) -> FloatArr
     return out
 
 
-@compiled
+@leaf
 def place_child(turn: FloatArray, place: FloatArray, offset: FloatArray, out: FloatArray) -> None:
     """`place + turn offset`."""
     for i in range(3):
         out[i] = place[i] + turn[i, 0] * offset[0] + turn[i, 1] * offset[1] + turn[i, 2] * offset[2]
-
-
-@compiled
-def landmark_one(chain: Chain, turns: FloatArray, places: FloatArray, landmark: int, out: FloatArray) -> None:
-    """(3,) a landmark about the root."""
-    j = chain.carrier[landmark]
-    place_child(turns[j], places[j], chain.places[landmark], out)
 
 
 @compiled
@@ -150,13 +151,14 @@ def landmarks_of(chain: Chain, root: FloatArray, turn: FloatArray, angles: Float
     for t in range(len(root)):
         forward_one(chain, turn[t], angles[t], turns, places, axes, False)
         for landmark in range(len(chain.carrier)):
-            landmark_one(chain, turns, places, landmark, out[t, landmark])
+            j = chain.carrier[landmark]
+            place_child(turns[j], places[j], chain.places[landmark], out[t, landmark])
             for i in range(3):
                 out[t, landmark, i] += root[t, i]
     return out
 
 
-@compiled
+@leaf
 def add_landmark(r: FloatArray, w: FloatArray, e: FloatArray, block: FloatArray, force: FloatArray) -> None:
     """A landmark at `r` with information `w` and error `e`: adds its 6 x 6 block and its wrench."""
     wx, wy, wz = (w[0, 0] * e[0] + w[0, 1] * e[1] + w[0, 2] * e[2], w[1, 0] * e[0] + w[1, 1] * e[1] + w[1, 2] * e[2],
@@ -190,7 +192,7 @@ def add_landmark(r: FloatArray, w: FloatArray, e: FloatArray, block: FloatArray,
             block[i, k] += row[k]
 
 
-@compiled
+@subroutine
 def gather(
     chain: Chain,
     places: FloatArray,
@@ -244,7 +246,7 @@ def gather(
                     blocks[up, a, b] += block[a, b]
 
 
-@compiled
+@leaf
 def factor(above: IntArray, matrix: FloatArray) -> bool:
     """`matrix = L^T L` in place, tree-sparse; whether it was positive definite."""
     for k in range(len(above) - 1, -1, -1):
@@ -267,7 +269,7 @@ def factor(above: IntArray, matrix: FloatArray) -> bool:
     return True
 
 
-@compiled
+@leaf
 def substitute(above: IntArray, matrix: FloatArray, vector: FloatArray) -> None:
     """Solve with the factor, in place."""
     n = len(above)
@@ -286,7 +288,7 @@ def substitute(above: IntArray, matrix: FloatArray, vector: FloatArray) -> None:
         vector[k] = value / matrix[k, k]
 
 
-@compiled
+@leaf
 def inverse_diagonal(above: IntArray, matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Diagonal of the inverse from the factor; `rows` (N, N) is scratch, and becomes the inverse factor."""
     for k in range(len(above)):
@@ -312,49 +314,30 @@ def inverse_diagonal(above: IntArray, matrix: FloatArray, rows: FloatArray, out:
 
 @compiled
 def normal_equations(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """(T, N, N) tree-sparse lower parts of `J^T W J`, (T, N) gradients and half the sum of squares."""
-    t_count, j_count, n = len(root), len(chain.parents), len(chain.above)
+    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
+    begin: int, end: int,
+) -> tuple[FloatArray, FloatArray, float]:  # fmt: skip
+    """Of the frames from `begin` to before `end`: (T, N, N) tree-sparse lower parts of `J^T W J`, (T, N) gradients and
+    half the sum of squares."""
+    t_count, j_count, n = end - begin, len(chain.parents), len(chain.above)
     turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((n - 6, 3))
     blocks, forces = np.empty((j_count, 6, 6)), np.empty((j_count, 6))
     matrices, slopes = np.zeros((t_count, n, n)), np.empty((t_count, n))
     r, e = np.empty(3), np.empty(3)
     total = 0.0
-    for t in range(t_count):
+    for t in range(begin, end):
         forward_one(chain, turn[t], angles[t], turns, places, axes, True)
         blocks[:], forces[:] = 0.0, 0.0
         for landmark in range(len(chain.carrier)):
             w = information[t, landmark]
             if w[0, 0] == 0 and w[1, 1] == 0 and w[2, 2] == 0:
                 continue
-            landmark_one(chain, turns, places, landmark, r)
+            j = chain.carrier[landmark]
+            place_child(turns[j], places[j], chain.places[landmark], r)
             for i in range(3):
                 e[i] = r[i] + root[t, i] - targets[t, landmark, i]
-            j = chain.carrier[landmark]
             add_landmark(r, w, e, blocks[j], forces[j])
             for i in range(3):
                 total += 0.5 * e[i] * (w[i, 0] * e[0] + w[i, 1] * e[1] + w[i, 2] * e[2])
-        gather(chain, places, axes, blocks, forces, matrices[t], slopes[t])
+        gather(chain, places, axes, blocks, forces, matrices[t - begin], slopes[t - begin])
     return matrices, slopes, total
-
-
-@compiled
-def misfit(
-    chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray
-) -> float:
-    """Half the weighted sum of squared distances of the landmarks."""
-    j_count = len(chain.parents)
-    turns, places, axes = np.empty((j_count, 3, 3)), np.empty((j_count, 3)), np.empty((0, 3))
-    e = np.empty(3)
-    total = 0.0
-    for t in range(len(root)):
-        forward_one(chain, turn[t], angles[t], turns, places, axes, False)
-        for landmark in range(len(chain.carrier)):
-            w = information[t, landmark]
-            landmark_one(chain, turns, places, landmark, e)
-            for i in range(3):
-                e[i] += root[t, i] - targets[t, landmark, i]
-            for i in range(3):
-                total += 0.5 * e[i] * (w[i, 0] * e[0] + w[i, 1] * e[1] + w[i, 2] * e[2])
-    return total

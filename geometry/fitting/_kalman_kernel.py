@@ -18,16 +18,16 @@ from muybridge.geometry.fitting._chain_kernel import (
     forward_one,
     gather,
     inverse_diagonal,
-    landmark_one,
     landmarks_of,
     multiply,
+    place_child,
     substitute,
 )
 from muybridge.geometry.fitting.chain import Chain
-from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics._numba import compiled, subroutine
 
 
-@compiled
+@subroutine
 def frame_equations(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, targets: FloatArray, information: FloatArray,
     student_dof: float, widen: float, matrix: FloatArray, slope: FloatArray,
@@ -46,7 +46,8 @@ def frame_equations(
         certain = information[landmark]
         if certain <= 0:
             continue
-        landmark_one(chain, turns, places, landmark, r)
+        j = chain.carrier[landmark]
+        place_child(turns[j], places[j], chain.places[landmark], r)
         square = 0.0
         for i in range(3):
             e[i] = r[i] + root[i] - targets[landmark, i]
@@ -58,13 +59,12 @@ def frame_equations(
         else:
             total += 0.5 * widen * far
         w[0, 0] = w[1, 1] = w[2, 2] = certain
-        j = chain.carrier[landmark]
         add_landmark(r, w, e, blocks[j], forces[j])
     gather(chain, places, axes, blocks, forces, matrix, slope)
     return total
 
 
-@compiled
+@subroutine
 def hold_at_limits(chain: Chain, angles: FloatArray, matrix: FloatArray, slope: FloatArray) -> None:
     """Remove angles that are pressed against a limit: unit rows, no gradient."""
     n = len(chain.above)
@@ -87,7 +87,7 @@ def hold_at_limits(chain: Chain, angles: FloatArray, matrix: FloatArray, slope: 
             matrix[k, k], slope[k] = 1.0, 0.0
 
 
-@compiled
+@subroutine
 def move(
     chain: Chain, root: FloatArray, turn: FloatArray, angles: FloatArray, step: FloatArray, longest: float
 ) -> float:
@@ -215,7 +215,7 @@ def track_one(
                 rate[i] = 0.0
 
 
-@compiled
+@subroutine
 def difference(
     chain: Chain,
     root: FloatArray,

@@ -6,7 +6,7 @@ from muybridge.arrays import FloatArray
 from muybridge.geometry.fitting._chain_kernel import forward_one
 from muybridge.geometry.fitting.chain import Chain
 from muybridge.geometry.fitting.gauss_newton import Pose, Problem
-from muybridge.geometry.numerics._numba import compiled, compiled_sums
+from muybridge.geometry.numerics._numba import compiled, leaf, sums
 from muybridge.geometry.numerics.covariances import inverse_one
 
 
@@ -54,14 +54,16 @@ def _equations(
     for t in range(len(turn)):
         forward_one(chain, turn[t], angles[t], turns, places, axes, False)
         for j in range(1, j_count):
-            of_joint[j] = of_joint[chain.parents[j]]
+            _copy(of_joint[chain.parents[j]], of_joint[j])
             _add_product(turns[chain.parents[j]], joint_basis[j], of_joint[j])
-        by_root[:], residual[:], root[:] = 0.0, 0.0, little
+        by_root[:], residual[:] = 0.0, 0.0
+        _copy(little, root)
         for k in range(len(chain.carrier)):
             w = information[t, k]
             if w[0, 0] == 0 and w[1, 1] == 0 and w[2, 2] == 0:
                 continue
-            design[:], pulled[:] = of_joint[chain.carrier[k]], 0.0
+            _copy(of_joint[chain.carrier[k]], design)
+            pulled[:] = 0.0
             _add_product(turns[chain.carrier[k]], landmark_basis[k], design)
             _add_product(w, design, pulled)
             by_root += pulled
@@ -79,7 +81,15 @@ def _equations(
     return matrix, vector
 
 
-@compiled_sums
+@leaf
+def _copy(a: FloatArray, out: FloatArray) -> None:
+    # Copying by slices compiles the text of an error message too, which takes long.
+    for i in range(len(a)):
+        for s in range(a.shape[1]):
+            out[i, s] = a[i, s]
+
+
+@sums
 def _add_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Add the product of (3, 3) and (3, S)."""
     for i in range(3):
@@ -87,7 +97,7 @@ def _add_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
             out[i, s] += a[i, 0] * b[0, s] + a[i, 1] * b[1, s] + a[i, 2] * b[2, s]
 
 
-@compiled_sums
+@sums
 def _add_outer(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Add the lower triangle of the outer product."""
     for r in range(len(a)):
@@ -95,7 +105,7 @@ def _add_outer(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
             out[r, s] += a[r] * b[s]
 
 
-@compiled_sums
+@sums
 def _add_scaled(values: FloatArray, share: float, out: FloatArray) -> None:
     for s in range(len(values)):
         out[s] += share * values[s]

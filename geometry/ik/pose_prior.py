@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from muybridge.arrays import FloatArray, IndexArray
 from muybridge.geometry.ik.jacobian import equations, good_enough, rows_of
@@ -41,7 +41,9 @@ class PosePrior:
         """(T, N) radians -> (T,)."""
         off = theta[:, None] - self.means
         return np.asarray(
-            logsumexp(self.log_scale - 0.5 * np.einsum("tkn,knm,tkm->tk", off, self.precisions, off), axis=1)
+            scipy.special.logsumexp(
+                self.log_scale - 0.5 * np.einsum("tkn,knm,tkm->tk", off, self.precisions, off), axis=1
+            )
         )
 
     def for_tree(self, tree: KinematicTree, free_spread: float = 0.5) -> "PosePrior":
@@ -102,7 +104,7 @@ def fit_prior(
         scale = np.log(mass / mass.sum()) - 0.5 * np.linalg.slogdet(covariance)[1]
         prior = PosePrior(names, means, precisions, scale)
         log = scale - 0.5 * np.sum((off @ precisions) * off, axis=2).T
-        share = np.exp(log - logsumexp(log, axis=1, keepdims=True))
+        share = np.exp(log - scipy.special.logsumexp(log, axis=1, keepdims=True))
     assert prior is not None
     return prior
 

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from muybridge.arrays import FloatArray, IndexArray, IntArray
 from muybridge.geometry.fitting._chain_kernel import exp_one
@@ -246,7 +246,7 @@ def theta_of_rotations(tree: KinematicTree, skeleton: Skeleton, rotations: Float
     for j in range(1, len(skeleton)):
         twist = skeleton.twist_axis[j]
         order = "".join("XYZ"[a] for a in range(3) if a != twist) + "XYZ"[twist]
-        angles = Rotation.from_matrix(rotations[:, j]).as_euler(order, suppress_warnings=True)
+        angles = scipy.spatial.transform.Rotation.from_matrix(rotations[:, j]).as_euler(order, suppress_warnings=True)
         for k, axis in enumerate(order.lower()):
             if (name := f"{skeleton.names[j]}.{axis}") in tree.names:
                 out[:, tree.names.index(name)] = angles[:, k]

@@ -1,12 +1,12 @@
 """How well the distances of a labelling fit bodies: the compiled sums that `whole` maximises."""
 
-import numba
 import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
+from muybridge.geometry.numerics._numba import compiled_with
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _pair(i: int, j: int, a: int, b: int, seen: FloatArray, known: FloatArray, scale: float,
           weights: FloatArray) -> float:  # fmt: skip
     """How well columns i and j fit as labels a and b."""
@@ -21,7 +21,7 @@ def _pair(i: int, j: int, a: int, b: int, seen: FloatArray, known: FloatArray, s
     return weighted
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def fit_of(a: int, k: int, chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
            weights: FloatArray) -> float:  # fmt: skip
     """How well distances fit if label a is column k and the others are `chosen` (-1 for none; that of a is ignored).
@@ -48,7 +48,7 @@ def fit_of(a: int, k: int, chosen: IndexArray, seen: FloatArray, known: FloatArr
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def geometry_of(chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: IndexArray, scale: float,
                 weights: FloatArray) -> float:  # fmt: skip
     """How well all distances fit if label a is column `chosen[a]`."""
@@ -61,7 +61,7 @@ def geometry_of(chosen: IndexArray, seen: FloatArray, known: FloatArray, twin: I
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def quality_of(chosen: IndexArray, gain: FloatArray, seen: FloatArray, known: FloatArray, twin: IndexArray,
                scale: float, weights: FloatArray) -> float:  # fmt: skip
     """`geometry_of`, and the network's gains (K, A)."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import FloatArray, IndexArray
 
@@ -53,7 +53,7 @@ def recover_points(
         votes = gain[t, who[:, None], what]
         unknown = np.where(np.isfinite(reach[t, what]), -1e3, votes - options.sure)
         score = np.where(near < 1, 6 * (1 - np.minimum(near, 1)) + np.maximum(votes, -4.0), unknown)
-        rows, cols = linear_sum_assignment(score, maximize=True)
+        rows, cols = scipy.optimize.linear_sum_assignment(score, maximize=True)
         good = score[rows, cols] > 0
         out[t, who[rows[good]]] = what[cols[good]]
     return out

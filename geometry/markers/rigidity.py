@@ -7,10 +7,10 @@ partners predict it.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from muybridge.arrays import FloatArray, IndexArray
+from muybridge.geometry.numerics._numba import compiled_with
 
 # Distances are measured in at least this many frames, spread over the recording, and in at most twice as many.
 _MOST_FRAMES = 300
@@ -101,7 +101,7 @@ def distance_scores(points: FloatArray, named: FloatArray, owner: IndexArray, ri
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _fit(
     points: FloatArray,
     named: FloatArray,

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import squareform
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.markers.tracking import Tracks
@@ -35,7 +34,11 @@ def split_people(tracks: Tracks, size: int) -> list[Tracks]:
     number, place = _long_tracks(tracks, frames)
     if len(number) < size:
         return [tracks]
-    group = fcluster(linkage(squareform(_distances(place), checks=False), "average"), 2, "maxclust")
+    group = scipy.cluster.hierarchy.fcluster(
+        scipy.cluster.hierarchy.linkage(scipy.spatial.distance.squareform(_distances(place), checks=False), "average"),
+        2,
+        "maxclust",
+    )
     if min((group == g).sum() for g in (1, 2)) < LEAST_SHARE * size:
         return [tracks]
     owner = _owners(tracks, number, group)

@@ -7,7 +7,7 @@ predictions within a gate, all at once; a marker that is lost is predicted for a
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 
@@ -91,7 +91,7 @@ def _shuffled_share(points: FloatArray, most: int = 150) -> float:
         if len(pair) < 2 or both.sum() < 2:
             continue
         off = np.linalg.norm(pair[0][both][:, None] - pair[1][both], axis=-1)
-        rows, cols = linear_sum_assignment(off)
+        rows, cols = scipy.optimize.linear_sum_assignment(off)
         exchanged += int(((rows != cols) & (off[rows, rows] > 2 * off[rows, cols] + 0.01)).sum())
         steps += len(rows)
     return exchanged / max(steps, 1)
@@ -170,7 +170,7 @@ def _assign(filters: "_Filters", alive: IndexArray, points: FloatArray, options:
     near = (off < options.gate * sigma[:, None]) & (off < options.reach_m)
     # Predictions of lost markers come after markers that were just visible.
     cost = np.where(near, off + 0.01 * np.minimum(missed, 3)[:, None], 10.0)
-    rows, cols = linear_sum_assignment(cost)
+    rows, cols = scipy.optimize.linear_sum_assignment(cost)
     good = near[rows, cols]
     return rows[good], cols[good]
 

@@ -6,11 +6,11 @@ split; two trajectories that overlap in time never share a label.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
+from muybridge.geometry.numerics._numba import compiled_with
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def assign_frames(scores: FloatArray, floor: float = -9.0) -> IndexArray:
             continue
         gain = np.maximum(scores[t, there, :-1], floor) - np.maximum(scores[t, there, -1:], floor)
         best = np.concatenate([gain, np.zeros((len(there), len(there)))], 1)
-        rows, cols = linear_sum_assignment(best, maximize=True)
+        rows, cols = scipy.optimize.linear_sum_assignment(best, maximize=True)
         real = cols < columns - 1
         out[t, there[rows[real]]] = cols[real]
     return out
@@ -96,7 +96,7 @@ def exchangeable(points: FloatArray, track: IndexArray, slack: float = 0.03) -> 
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _exchangeable(points: FloatArray, track: IndexArray, slack: float, out: BoolArray) -> None:
     count, slots = track.shape
     ahead = np.empty((slots, 3))
@@ -184,11 +184,13 @@ def _assign_at(frame: int, gain: FloatArray, first: IndexArray, last: IndexArray
     named = named[~np.isin(named, here)]
     for i, p in enumerate(here):
         allowed[i, label[named[(first[named] <= last[p]) & (last[named] >= first[p])]]] = -1e9
-    rows, cols = linear_sum_assignment(np.concatenate([allowed, np.zeros((len(here), len(here)))], 1), maximize=True)
+    rows, cols = scipy.optimize.linear_sum_assignment(
+        np.concatenate([allowed, np.zeros((len(here), len(here)))], 1), maximize=True
+    )
     label[here[rows]] = np.where(cols < gain.shape[1], cols, -1)
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _overlaps(first: IndexArray, last: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Overlapping trajectories: those of trajectory p are beside[starts[p] : starts[p + 1]]."""
     order = np.argsort(first)
@@ -214,7 +216,7 @@ def _overlaps(first: IndexArray, last: IndexArray) -> tuple[IndexArray, IndexArr
     return beside, starts
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _elect(
     gain: FloatArray,
     beside: IndexArray,
@@ -235,7 +237,7 @@ def _elect(
             break
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> int:
     """The best label that no overlapping trajectory has, -1 where none gains votes."""
     taken = np.zeros(gain.shape[1], np.bool_)
@@ -249,7 +251,7 @@ def _free(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, labe
     return best
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _improve(p: int, gain: FloatArray, beside: IndexArray, starts: IndexArray, label: IndexArray) -> bool:
     """Give `p` a label with more votes if the trajectory that has it can be moved at a smaller loss."""
     old = label[p]
@@ -289,7 +291,7 @@ def sort_by_track(track: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray
     return t[order], s[order], np.concatenate([[0], cuts, [len(t)]]).astype(np.intp)
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArray:
     """(N,) a number for every piece of every trajectory."""
     out = np.empty(len(votes), np.intp)
@@ -305,7 +307,7 @@ def _cut(votes: FloatArray, starts: IndexArray, switch: FloatArray) -> IndexArra
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _best_path(votes: FloatArray, switch: FloatArray) -> IndexArray:
     """The labels (N,) of the best path through votes (N, L), where a change at i costs `switch[i]` (Viterbi)."""
     count, labels = votes.shape

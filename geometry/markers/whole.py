@@ -8,11 +8,11 @@ and the right are. It is improved by exchanges, and its loss under the best alte
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.markers.fit import fit_of, geometry_of, quality_of
+from muybridge.geometry.numerics._numba import compiled_with
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def find_columns(points: FloatArray, track: IndexArray, label: IndexArray, score
     return Columns(place, gain, mean, spread, known, np.concatenate([np.full(size, -1), piece]))
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _pairs(place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     frames, size = place.shape[:2]
     mean, spread, known = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
@@ -181,7 +181,7 @@ def _pairs(place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return mean, spread, known
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _alternatives(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatArray, known: FloatArray,
                   twin: IndexArray, scale: float, weights: FloatArray) -> FloatArray:  # fmt: skip
     columns, size = gain.shape
@@ -220,7 +220,7 @@ def _alternatives(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: F
     return out
 
 
-@numba.njit(cache=True)
+@compiled_with()
 def _search(chosen: IndexArray, gain: FloatArray, near: BoolArray, seen: FloatArray, known: FloatArray,
             twin: IndexArray, scale: float, weights: FloatArray, rounds: int,
             rng: np.random.Generator) -> IndexArray:  # fmt: skip

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.numerics._numba import compiled, compiled_sums
+from muybridge.geometry.numerics._numba import compiled, subroutine, sums
 
 _COLUMNS = 8
 
@@ -70,7 +70,7 @@ def _solve(
     return True
 
 
-@compiled
+@subroutine
 def _copy_row(row: FloatArray, keep: FloatArray, damping: float, out: FloatArray) -> None:
     """A row of the band without the unknowns that are held, damped; `keep` is 0 or 1 for it and those after it."""
     if keep[0] == 0:
@@ -81,7 +81,7 @@ def _copy_row(row: FloatArray, keep: FloatArray, damping: float, out: FloatArray
     out[0] = row[0] * (1 + damping) + 1e-9
 
 
-@compiled
+@subroutine
 def _factor_columns(factor: FloatArray, step: FloatArray, p: int, count: int) -> bool:
     """Finish `count` columns from `p` on, and what the right side of the equations loses to them."""
     size, width = factor.shape
@@ -100,13 +100,13 @@ def _factor_columns(factor: FloatArray, step: FloatArray, p: int, count: int) ->
     return True
 
 
-@compiled_sums
+@sums
 def _subtract(out: FloatArray, values: FloatArray, share: float) -> None:
     for i in range(min(len(out), len(values))):
         out[i] -= share * values[i]
 
 
-@compiled_sums
+@sums
 def _dot(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for i in range(len(a)):
@@ -114,7 +114,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@compiled
+@subroutine
 def _subtract_panel(factor: FloatArray, panel: FloatArray, p: int) -> None:
     """Subtract the products of `_COLUMNS` finished columns from all those that they reach; `panel` is scratch."""
     size, width = factor.shape
@@ -130,7 +130,7 @@ def _subtract_panel(factor: FloatArray, panel: FloatArray, p: int) -> None:
         _subtract_products(factor[p + _COLUMNS + j], panel, j, count)
 
 
-@compiled_sums
+@sums
 def _subtract_products(row: FloatArray, panel: FloatArray, j: int, count: int) -> None:
     end = j + count
     a, b, c, d = panel[0, j:end], panel[1, j:end], panel[2, j:end], panel[3, j:end]

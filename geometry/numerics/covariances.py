@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray
-from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics._numba import compiled, leaf
 
 
 def inverses(matrices: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ def between(matrices: FloatArray, low: float, high: float) -> BoolArray:
     return np.asarray((a[..., 0, 0] > 0) & (minor > 0) & (determinant > 0) & (trace < high))
 
 
-@compiled
+@leaf
 def inverse_one(a: FloatArray, out: FloatArray) -> None:
     """Inverse of one 3 x 3 matrix."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]

@@ -4,7 +4,7 @@ All functions accept any leading shape. Quaternions are `wxyz`, unit length. Mat
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from muybridge.arrays import FloatArray
 
@@ -44,13 +44,13 @@ def left_jacobian_so3(rotvec: FloatArray) -> FloatArray:
 
 def log_so3(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) to (..., 3) rotation vectors of at most pi; the matrices need only be nearly orthogonal."""
-    flat = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
+    flat = scipy.spatial.transform.Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat.reshape(*matrices.shape[:-2], 3))
 
 
 def quat_from_matrix(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) matrices to (..., 4) quaternions wxyz."""
-    xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
+    xyzw = scipy.spatial.transform.Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
     return np.asarray(np.roll(xyzw, 1, axis=-1).reshape(*matrices.shape[:-2], 4))
 
 

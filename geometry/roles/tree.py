@@ -6,7 +6,7 @@ Names are never looked at. Lengths are compared with the size of the whole, so t
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.skeleton.skeleton import Skeleton
@@ -144,7 +144,7 @@ def _twins(tree: Tree, a: int, b: int, centre: FloatArray) -> dict[int, int]:
     if not mine or not others:
         return out
     cost = np.array([[_difference(tree, x, y, centre) for y in others] for x in mine])
-    for i, k in zip(*linear_sum_assignment(cost), strict=True):
+    for i, k in zip(*scipy.optimize.linear_sum_assignment(cost), strict=True):
         if cost[i, k] < _UNLIKE:
             out |= _twins(tree, mine[i], others[k], centre)
     return out

@@ -9,11 +9,11 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 import numpy as np
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
-from muybridge.geometry.numerics._numba import compiled
+from muybridge.geometry.numerics._numba import compiled, leaf, subroutine
 from muybridge.geometry.numerics.covariances import inverse_one
 
 
-@compiled
+@leaf
 def _predict(mean: FloatArray, spread: FloatArray, dt: float, acceleration: float) -> None:
     """Predict one frame ahead, in place."""
     for i in range(3):
@@ -32,7 +32,7 @@ def _predict(mean: FloatArray, spread: FloatArray, dt: float, acceleration: floa
         spread[3 + i, i] += 0.5 * a * dt**3
 
 
-@compiled
+@subroutine
 def _update(
     mean: FloatArray,
     spread: FloatArray,
@@ -56,7 +56,10 @@ def _update(
     for i in range(6):
         for k in range(3):
             gain[i, k] = spread[i, 0] * inverse[0, k] + spread[i, 1] * inverse[1, k] + spread[i, 2] * inverse[2, k]
-    top = spread[:3].copy()
+    top = np.empty((3, 6))
+    for i in range(3):
+        for k in range(6):
+            top[i, k] = spread[i, k]
     for i in range(6):
         mean[i] += gain[i, 0] * off[0] + gain[i, 1] * off[1] + gain[i, 2] * off[2]
         for k in range(6):
@@ -67,7 +70,7 @@ def _update(
     return far
 
 
-@compiled
+@subroutine
 def _add_back(off: FloatArray, inverse: FloatArray, gain: FloatArray, adjoint: FloatArray, weight: FloatArray) -> None:
     """Add a measurement to the backward recursion, in place on (6,) and (6, 6)."""
     # (I - K H)^T v = v - H^T K^T v: only the position rows change.
@@ -102,7 +105,7 @@ def _add_back(off: FloatArray, inverse: FloatArray, gain: FloatArray, adjoint: F
             weight[i, k] += inverse[i, k]
 
 
-@compiled
+@leaf
 def _step_back(adjoint: FloatArray, weight: FloatArray, dt: float) -> None:
     """Apply `F^T v` and `F^T W F`, in place."""
     for i in range(3):
@@ -132,9 +135,9 @@ def smooth_all(
         Mahalanobis distance of each point from its prediction, NaN where there is none.
     """
     t_count, j_count = known.shape
-    places = np.full((t_count, j_count, 3), np.nan)
-    spreads = np.full((t_count, j_count, 3, 3), np.nan)
-    surprise = np.full((t_count, j_count), np.nan)
+    places, spreads = np.empty((t_count, j_count, 3)), np.empty((t_count, j_count, 3, 3))
+    surprise = np.empty((t_count, j_count))
+    places[:], spreads[:], surprise[:] = np.nan, np.nan, np.nan
     means, covers = np.empty((t_count, 6)), np.empty((t_count, 6, 6))
     offs, inverses, gains = np.empty((t_count, 6)), np.empty((t_count, 3, 3)), np.empty((t_count, 6, 3))
     mean, cover = np.empty(6), np.empty((6, 6))
@@ -157,7 +160,10 @@ def smooth_all(
                 far = _update(mean, cover, xyz[t, j], noise[t, j], offs[t], inverses[t], gains[t])
                 if t > first:
                     surprise[t, j] = far
-            means[t], covers[t] = mean, cover
+            for i in range(6):
+                means[t, i] = mean[i]
+                for k in range(6):
+                    covers[t, i, k] = cover[i, k]
         adjoint[:], weight[:] = 0.0, 0.0
         for t in range(t_count - 1, -1, -1):
             _smooth_state(means[t], covers[t], adjoint, weight, places[t, j], spreads[t, j])
@@ -167,7 +173,7 @@ def smooth_all(
     return places, spreads, surprise
 
 
-@compiled
+@subroutine
 def _smooth_state(
     mean: FloatArray, cover: FloatArray, adjoint: FloatArray, weight: FloatArray, place: FloatArray, spread: FloatArray
 ) -> None:

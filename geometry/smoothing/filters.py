@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray
 from muybridge.geometry.numerics._numba import compiled
@@ -218,11 +218,11 @@ def _gcv_spline(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
 
 
 def _gaussian(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
-    return np.asarray(gaussian_filter1d(x, o.sigma * fps, axis=0, mode="nearest"))
+    return np.asarray(scipy.ndimage.gaussian_filter1d(x, o.sigma * fps, axis=0, mode="nearest"))
 
 
 def _median(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:
-    return np.asarray(median_filter(x, size=(_odd_frames(o.window, fps, 1), 1), mode="nearest"))
+    return np.asarray(scipy.ndimage.median_filter(x, size=(_odd_frames(o.window, fps, 1), 1), mode="nearest"))
 
 
 def _loess(x: FloatArray, fps: float, o: FilterOptions) -> FloatArray:

@@ -112,7 +112,9 @@ def _swap_paths(
     costs = np.stack([step(a, a) + step(b, b), step(b, a) + step(a, b)], axis=-1)
     member = (number == np.arange(number.max() + 1)[:, None]).astype(np.float64)
     prior = np.broadcast_to(prior, (t_count, len(member))) * (known @ member.T > 0)
-    path = flipped_path(np.ascontiguousarray(costs), known, number.astype(np.int64), np.ascontiguousarray(prior))
+    costs, prior = np.ascontiguousarray(costs), np.ascontiguousarray(prior)
+    whole = np.ascontiguousarray(known)  # of one layout, as all of them, or everything is compiled for each
+    path = flipped_path(costs, whole, number.astype(np.int64), prior)
     return np.asarray(path[:, number] & known)
 
 

@@ -18,15 +18,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
+from muybridge.geometry.numerics._numba import compiled, leaf
 
 _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
 _MAX_ITERATIONS = 20
-
-compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Limits(NamedTuple):
@@ -73,13 +71,13 @@ class Scratch(NamedTuple):
     trial: FloatArray  # (3,)
 
 
-@compiled
+@leaf
 def _loss(u: float, limits: Limits) -> float:
     v = 1.0 + u / limits.tail2
     return -2.0 * math.log(math.exp(-0.5 * u) + limits.kappa / (v * math.sqrt(v)))
 
 
-@compiled
+@leaf
 def _weight(u: float, limits: Limits) -> float:
     """d loss / d u: the factor on a camera's equations."""
     v = 1.0 + u / limits.tail2
@@ -88,7 +86,7 @@ def _weight(u: float, limits: Limits) -> float:
     return (right + wrong * 3.0 / (limits.tail2 * v)) / (right + wrong)
 
 
-@compiled
+@leaf
 def _error_u(views: Views, c: int, point: FloatArray) -> float:
     """Squared distance of the projection from the 2D point, in variances; `_BEHIND` if the point is behind."""
     p = views.poses[c]
@@ -101,7 +99,7 @@ def _error_u(views: Views, c: int, point: FloatArray) -> float:
     return u
 
 
-@compiled
+@leaf
 def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[float, int]:
     """Sum of the cameras' losses, and number of cameras that agree."""
     total = 0.0
@@ -114,7 +112,7 @@ def score_of_point(views: Views, point: FloatArray, limits: Limits) -> tuple[flo
     return total, agree
 
 
-@compiled
+@leaf
 def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) -> bool:
     """The point between two rays, weighted by depth; False if they are parallel or intersect behind a camera."""
     ray_a, ray_b = views.rays[a], views.rays[b]
@@ -145,7 +143,7 @@ def _midpoint(views: Views, a: int, b: int, min_sin2: float, out: FloatArray) ->
     return True
 
 
-@compiled
+@leaf
 def inverse3(a: FloatArray, out: FloatArray) -> bool:
     """Inverse of a symmetric positive definite 3x3 matrix; False if it is singular."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
@@ -167,7 +165,7 @@ def inverse3(a: FloatArray, out: FloatArray) -> bool:
     return True
 
 
-@compiled
+@leaf
 def normal_equations(
     views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
 ) -> float:
@@ -201,7 +199,7 @@ def normal_equations(
     return total
 
 
-@compiled
+@leaf
 def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -> float:
     """Damped Gauss-Newton on the robust loss, in place; returns the loss."""
     normal, damped, inverse = scratch.normal, scratch.damped, scratch.inverse
@@ -236,7 +234,7 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
     return best
 
 
-@compiled
+@leaf
 def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     """Largest squared sine of the angle between two rays, found in two sweeps (linear in the number of cameras)."""
     first = use[0]
@@ -259,7 +257,7 @@ def _widest_sin2(rays: FloatArray, use: IntArray) -> float:
     return widest
 
 
-@compiled
+@leaf
 def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scratch) -> int:
     """Points of the two pairs of cameras with the best scores, into `starts`; returns their number."""
     starts, trial = scratch.starts, scratch.trial
@@ -277,11 +275,12 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
         tried += 1
         score, agree = score_of_point(views, trial, limits)
         if score < scores[0]:
-            starts[1, :] = starts[0]
-            starts[0, :] = trial
+            for k in range(3):
+                starts[1, k], starts[0, k] = starts[0, k], trial[k]
             scores = (score, scores[0])
         elif score < scores[1]:
-            starts[1, :] = trial
+            for k in range(3):
+                starts[1, k] = trial[k]
             scores = (scores[0], score)
         # As in RANSAC: enough pairs to include one of two right cameras with a probability of 0.999.
         share = agree / views.use.size
@@ -290,7 +289,7 @@ def _two_best_pairs(views: Views, pairs: IntArray, limits: Limits, scratch: Scra
     return min(tried, 2)
 
 
-@compiled
+@leaf
 def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -> tuple[int, float]:
     """Put the best point first and its rival second in `starts`.
 
@@ -314,7 +313,7 @@ def _two_best_points(views: Views, rig: Rig, limits: Limits, scratch: Scratch) -
     return 2, math.exp(-0.5 * abs(rival_loss - loss))
 
 
-@compiled
+@leaf
 def _solve_one(
     views: Views, rig: Rig, limits: Limits, scratch: Scratch, covariance: FloatArray, inlier: BoolArray
 ) -> bool:
@@ -392,6 +391,9 @@ def solve_points(
             continue
         views = Views(rig.poses, rig.centers, seen[i], info[i], rays, use[:n])
         if _solve_one(views, rig, limits, scratch, covariance, inlier):
-            points[i, :] = scratch.starts[0]
-            covariances[i, :, :] = covariance
-            inliers[i, :] = inlier
+            for k in range(3):
+                points[i, k] = scratch.starts[0, k]
+                for m in range(3):
+                    covariances[i, k, m] = covariance[k, m]
+            for c in range(cameras):
+                inliers[i, c] = inlier[c]

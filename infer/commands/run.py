@@ -9,9 +9,9 @@ from typing import Annotated
 import tyro
 
 from muybridge.errors import SessionError
+from muybridge.infer import pipelines
 from muybridge.infer.commands.remedies import print_error
 from muybridge.infer.pipelines.demo import run_demo
-from muybridge.infer.pipelines.marker_videos import run_marker_session
 from muybridge.infer.pipelines.videos import RunCharacter, RunOptions, run_session, summary
 from muybridge.infer.reconstruction.marker_videos import MarkerVideoOptions
 from muybridge.infer.runtime.each import try_each
@@ -93,7 +93,7 @@ def run_markers(
 
     def work(path: Path, place: Path | None) -> str:
         with Progress() as progress:
-            return run_marker_session(path, place, session, options, overwrite, progress).summary
+            return pipelines.run_marker_session(path, place, session, options, overwrite, progress).summary
 
     return run_each(plan(sessions, out), work)
 

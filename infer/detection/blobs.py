@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from skimage.filters import threshold_otsu
-from skimage.measure import label, regionprops
+import skimage
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray
 
@@ -42,7 +41,7 @@ def find_threshold(images: list[ByteArray]) -> float:
         bright = image[image > middle + 8 * noise]
         if bright.size >= 10 and bright.max() > bright.min():
             floor = middle + 12 * noise
-            otsu = float(threshold_otsu(bright))  # type: ignore[no-untyped-call]
+            otsu = float(skimage.filters.threshold_otsu(bright))  # type: ignore[no-untyped-call]
             levels.append(max(min(otsu, 0.6 * float(bright.max())), floor))
     return float(np.median(levels)) if levels else 128.0
 
@@ -80,14 +79,14 @@ def _parts(own: BoolArray, level: FloatArray, area: int, options: BlobOptions) -
     """The markers that one blob consists of: their levels and areas."""
     if area < 12:
         return [(level, area)]
-    shape = regionprops(own.astype(np.uint8))[0]  # type: ignore[no-untyped-call]
+    shape = skimage.measure.regionprops(own.astype(np.uint8))[0]  # type: ignore[no-untyped-call]
     ellipse = np.pi / 4 * shape.axis_major_length * shape.axis_minor_length
     long = shape.axis_major_length / max(shape.axis_minor_length, 1.0)
     if long < 1.35 or (shape.solidity > 0.93 and area / max(ellipse, 1.0) > options.roundness and long < 1.6):
         return [(level, area)]
     padded = np.pad(own, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    core = label(depth > 0.72 * depth.max())  # type: ignore[no-untyped-call]
+    core = skimage.measure.label(depth > 0.72 * depth.max())  # type: ignore[no-untyped-call]
     if core.max() < 2:
         return [(level, area)]
     rows, columns = np.nonzero(own)

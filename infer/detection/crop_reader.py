@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from muybridge.arrays import BoolArray, ByteArray, FloatArray, IndexArray, IntArray
 from muybridge.geometry.cameras.camera import Camera
@@ -254,7 +254,7 @@ class PoseReader:
             inner = rows[np.isfinite(series).all(axis=1) & _between(trusted)]
             wanted[inner] = smoothed_boxes(series[_between(trusted)], self._smoothing)
             poor = _differs(wanted[rows], poses.boxes_px[rows], change)
-            again[rows] = maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
+            again[rows] = scipy.ndimage.maximum_filter1d(poor.astype(np.uint8), 2 * _REDO_AROUND + 1).astype(np.bool_)
         again &= (wanted != poses.boxes_px).any(axis=1)
         redo = np.flatnonzero(again)
         if not len(redo):

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from muybridge.models.people.decode import DetectedPeople, box_overlap
@@ -151,7 +150,7 @@ class Tracker:
         reach = np.minimum(self._reach + _MAX_DISTANCE_GROWTH * (self._gap[active] - 1), _MAX_DISTANCE_EVER)
         allowed = (overlap >= _MIN_OVERLAP) | (away <= reach[:, None])
         cost = np.where(allowed, 1 - overlap + away, _APART)
-        rows, columns = linear_sum_assignment(cost)
+        rows, columns = scipy.optimize.linear_sum_assignment(cost)
         good = allowed[rows, columns]
         return active[rows[good]], columns[good]
 
@@ -269,8 +268,8 @@ def smoothed_boxes(series: FloatArray, sigma: float) -> FloatArray:
     center, size = (series[:, :2] + series[:, 2:]) / 2, series[:, 2:] - series[:, :2]
     if len(series) >= 3 and sigma > 0:
         slow = sigma >= _SLOW
-        center = median_filter(center, size=(3, 1), mode="nearest") if slow else center
-        size = median_filter(size, size=(5 if slow else 3, 1), mode="nearest")
-        center = gaussian_filter1d(center, sigma, axis=0, mode="nearest", truncate=3.0)
-        size = gaussian_filter1d(size, 2 * sigma, axis=0, mode="nearest", truncate=3.0)
+        center = scipy.ndimage.median_filter(center, size=(3, 1), mode="nearest") if slow else center
+        size = scipy.ndimage.median_filter(size, size=(5 if slow else 3, 1), mode="nearest")
+        center = scipy.ndimage.gaussian_filter1d(center, sigma, axis=0, mode="nearest", truncate=3.0)
+        size = scipy.ndimage.gaussian_filter1d(size, 2 * sigma, axis=0, mode="nearest", truncate=3.0)
     return np.concatenate([center - size / 2, center + size / 2], axis=1)

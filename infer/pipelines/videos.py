@@ -1,12 +1,14 @@
 """From a session's videos to 2D landmarks, 3D points, motion and files."""
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -42,9 +44,11 @@ from muybridge.infer.runtime.stages import StageResult, StageStore
 from muybridge.infer.runtime.threads import opencv_in_one_thread
 from muybridge.infer.session.session import Session, SessionOptions, open_session, with_frames, with_notice
 from muybridge.infer.session.sync_file import SYNC_FILE
-from muybridge.infer.viewer.data import Scene
-from muybridge.motion.contacts.events import contact_facts
-from muybridge.motion.contacts.find import Contacts
+from muybridge.motion import contacts as foot_contacts
+
+if TYPE_CHECKING:
+    from muybridge.infer.viewer.data import Scene
+    from muybridge.motion.contacts.find import Contacts
 
 _log = logging.getLogger(__name__)
 
@@ -193,7 +197,7 @@ def run_session(
         others=[{"person": n, "quality": asdict(q)} for n, q in enumerate(qualities[1:], start=2)],
         calibration=calibration_facts(followed.calibration), person=solution.person, notices=session.notices,
         problems=problems, options=asdict(options), models=models.metadata,
-        contacts=None if contacts is None else contact_facts(contacts),
+        contacts=None if contacts is None else foot_contacts.contact_facts(contacts),
     )  # fmt: skip
     if solution.motion is None:
         raise SessionError(

@@ -1,14 +1,18 @@
 """What a report is made from."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration.diagnosis.quality import CalibrationQuality
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.landmarks.arrays import Points3D
-from muybridge.infer.viewer.data import Scene
+
+if TYPE_CHECKING:
+    from muybridge.infer.viewer.data import Scene
 
 
 @dataclass(frozen=True)

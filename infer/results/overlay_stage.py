@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import ByteArray
+from muybridge.infer import report
 from muybridge.infer.detection.detect import CameraResult
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.report.data import Thumbnail
-from muybridge.infer.report.page import pick_thumbnail_frames
 from muybridge.infer.results.overlay import OverlayOptions, encode_thumbnail, write_overlay
 from muybridge.infer.results.overlay_drawing import OverlayData, draw_overlay
 from muybridge.infer.results.people import written_people
@@ -110,7 +110,7 @@ class _Overlay:
 
         def write(path: Path) -> None:
             frames = self._shrunk(size)
-            wanted = pick_thumbnail_frames(self.solution.measured, THUMBNAILS)
+            wanted = report.pick_thumbnail_frames(self.solution.measured, THUMBNAILS)
             thumbnails.update(write_overlay(path, frames, scale, data, wanted, self.options).thumbnails)
 
         self.run.output.write(name, write)
@@ -129,7 +129,7 @@ class _Overlay:
         arrays: dict[str, NDArray[Any]] = {}
         if self.detected.copies_scale:
             size, scale = self._size()
-            wanted = np.array(pick_thumbnail_frames(self.solution.measured, THUMBNAILS), dtype=np.intp)
+            wanted = np.array(report.pick_thumbnail_frames(self.solution.measured, THUMBNAILS), dtype=np.intp)
             frames = (frame for chunk in self.detected.read_copies(wanted) for frame in chunk)
             for t, frame in zip(wanted.tolist(), frames, strict=True):
                 drawn = draw_overlay(_resized(frame, size), t, scale, data, self.options.legend)

@@ -1,19 +1,21 @@
 """The files of each person of a session of videos: points, motion, markers and report pages."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.marker_sets import MarkerChoice
 from muybridge.geometry.skeleton.motion import Motion
+from muybridge.infer import report
 from muybridge.infer.reconstruction.landmarks import Solution
 from muybridge.infer.reconstruction.quality import Quality
 from muybridge.infer.reconstruction.virtual_markers import marker_set
 from muybridge.infer.report.data import PersonPage, ReportData
-from muybridge.infer.report.page import problems, write_report
 from muybridge.infer.results.names import (
     MARKERS_C3D,
     MOST_PEOPLE,
@@ -26,10 +28,12 @@ from muybridge.infer.results.names import (
 )
 from muybridge.infer.results.record import json_value
 from muybridge.infer.results.run import Run
-from muybridge.infer.viewer.data import Scene
-from muybridge.motion.contacts.events import contact_events
-from muybridge.motion.contacts.find import Contacts, find_contacts
+from muybridge.motion import contacts as foot_contacts
 from muybridge.motion.formats.points.c3d import C3DTake
+
+if TYPE_CHECKING:
+    from muybridge.infer.viewer.data import Scene
+    from muybridge.motion.contacts.find import Contacts
 
 
 def written_people(solution: Solution) -> tuple[Solution, ...]:
@@ -39,12 +43,12 @@ def written_people(solution: Solution) -> tuple[Solution, ...]:
 
 def contacts_of(motion: Motion | None) -> Contacts | None:
     """The contacts of the feet where there is a motion."""
-    return None if motion is None else find_contacts(motion)
+    return None if motion is None else foot_contacts.find_contacts(motion)
 
 
 def with_contacts(points: Points3D, contacts: Contacts | None) -> C3DTake:
     """Points for a C3D, with contacts as events."""
-    return C3DTake(points, events=() if contacts is None else contact_events(contacts))
+    return C3DTake(points, events=() if contacts is None else foot_contacts.contact_events(contacts))
 
 
 def write_people(run: Run, solution: Solution, markers: MarkerChoice) -> Contacts | None:
@@ -91,8 +95,8 @@ def write_reports(
         others = tuple(p.points.points_world for p in people if p is not person)
         own = {**(first if n == 0 else {}), "character": (characters or {}).get(n + 1)}
         data = _report_data(title, n + 1, person, others, quality, {**shared, **own})
-        run.write(names[n], partial(write_report, data=data))
-        serious = problems(data) if n == 0 else serious
+        run.write(names[n], partial(report.write_report, data=data))
+        serious = report.problems(data) if n == 0 else serious
     return serious
 
 

@@ -6,8 +6,8 @@ Training and inference share this code, so that they cannot differ.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 from muybridge.arrays import Float32Array, FloatArray
 from muybridge.geometry.fitting.marker_fit import MarkerFit
@@ -96,7 +96,7 @@ def _smooth_residuals(off: FloatArray, weight: FloatArray, sigma: float) -> tupl
     else:
         reach = max(1, int(np.ceil(2.5 * sigma)))
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-3)) ** 2)
-        total = convolve1d(both, kernel, axis=0, mode="constant")
+        total = scipy.ndimage.convolve1d(both, kernel, axis=0, mode="constant")
     count = total[..., 3]
     return total[..., :3] / (count[..., None] + 1.0), count
 

@@ -6,10 +6,11 @@ is used, which gives the same numbers.
 
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from torch import Tensor
+
+from muybridge.geometry.numerics._numba import compiled_with
 
 
 def gather_messages(here: Tensor, there: Tensor, edge: Tensor, neighbour: Tensor) -> Tensor:
@@ -54,7 +55,7 @@ class _Messages(torch.autograd.Function):
         return here, there, edge, None
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled_with(fastmath=True)
 def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, message: Any) -> None:
     rows, count, width = edge.shape
     share = np.float32(1.0 / count)
@@ -75,7 +76,7 @@ def _forward(here: Any, there: Any, edge: Any, index: Any, out: Any, message: An
             out[i, width + c] = total[c] * share
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled_with(fastmath=True)
 def _backward(grad: Any, index: Any, message: Any, out: Any, here: Any, there: Any, edge: Any) -> None:
     rows, count, width = message.shape
     share = np.float32(1.0 / count)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from muybridge.arrays import BoolArray, FloatArray, IntArray
 from muybridge.geometry.numerics.robust import extent, row_median, student_cost, student_scale, student_weight
@@ -135,7 +135,7 @@ def _mean_score(gains: list[FloatArray], fewest: int) -> float:
     if len(each) < fewest or each[:-2].sum() <= 0:
         return 0.0
     quotient = each.mean() / max(each.std(ddof=1) / np.sqrt(len(each)), 1e-12)
-    return float(np.sign(quotient)) * _deviate(float(special.stdtr(len(each) - 1, -abs(quotient))))
+    return float(np.sign(quotient)) * _deviate(float(scipy.special.stdtr(len(each) - 1, -abs(quotient))))
 
 
 def size_score(size: float, sd: float, clusters: int) -> float:
@@ -146,18 +146,18 @@ def size_score(size: float, sd: float, clusters: int) -> float:
     """
     if clusters < 2 or not np.isfinite(sd):
         return 0.0
-    return _deviate(float(special.stdtr(clusters - 1, -abs(size) / max(sd, 1e-12))))
+    return _deviate(float(scipy.special.stdtr(clusters - 1, -abs(size) / max(sd, 1e-12))))
 
 
 def _deviate(tail: float) -> float:
     """Gaussian deviate that is exceeded with a probability, which is taken as 1e-260 where it is less."""
     # Not scipy.stats, whose import takes longer than those of most commands together.
-    return -float(special.ndtri(max(tail, 1e-260)))
+    return -float(scipy.special.ndtri(max(tail, 1e-260)))
 
 
 def least_score(chance: float, tried: int) -> float:
     """The score that one of `tried` explanations exceeds with a probability of `chance` where none is true."""
-    return -float(special.ndtri(chance / max(tried, 1)))
+    return -float(scipy.special.ndtri(chance / max(tried, 1)))
 
 
 def without_bias(errors: FloatArray) -> FloatArray:

@@ -23,12 +23,11 @@ from muybridge.geometry.calibration.formats.common import (
     make_group,
     pose_from,
 )
-from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras import _pycolmap as pycolmap
 from muybridge.geometry.cameras.camera import CAMERA_MODELS, Camera, camera_from_colmap, colmap_camera
 from muybridge.geometry.cameras.group import CameraGroup
 from muybridge.geometry.numerics.rotations import quat_from_matrix
 
-_MODEL_OF_ID = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
 _FILES = ("cameras", "images", "points3D", "rigs", "frames")
 _IMAGE_SUFFIXES = frozenset(".jpg .jpeg .png .tif .tiff .bmp .gif .webp .ppm .pgm .exr".split())
 
@@ -239,10 +238,11 @@ class _Reader:
 def _binary_lenses(data: bytes) -> dict[int, Any]:
     reader = _Reader(data)
     (count,) = reader.take("Q")
+    known = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
     lenses: dict[int, Any] = {}
     for record in range(1, count + 1):
         camera_id, model_id, width, height = reader.take("IiQQ")
-        model = _MODEL_OF_ID.get(model_id, f"number {model_id}")
+        model = known.get(model_id, f"number {model_id}")
         try:
             if model not in CAMERA_MODELS:
                 raise Malformed(f"camera model {model} is not supported")

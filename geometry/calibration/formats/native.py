@@ -34,7 +34,7 @@ from muybridge.geometry.calibration.formats.common import (
     pixel_count,
     table_with,
 )
-from muybridge.geometry.cameras._pycolmap import pycolmap
+from muybridge.geometry.cameras import _pycolmap as pycolmap
 from muybridge.geometry.cameras.camera import Camera
 from muybridge.geometry.cameras.group import CameraGroup
 

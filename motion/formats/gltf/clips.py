@@ -7,7 +7,7 @@ from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 
 from muybridge.arrays import FloatArray
 from muybridge.motion.formats.gltf.container import Document
@@ -100,7 +100,8 @@ def sample(track: Track, times: FloatArray, rotation: bool) -> FloatArray:
         k = np.searchsorted(keys, at + 1e-6 * max(1.0, abs(keys[-1])), side="right") - 1
         out = track.values[np.maximum(k, 0), 0]
     elif rotation:
-        return np.asarray(Slerp(keys, Rotation.from_quat(track.values[:, 0]))(at).as_quat())
+        turns = scipy.spatial.transform.Rotation.from_quat(track.values[:, 0])
+        return np.asarray(scipy.spatial.transform.Slerp(keys, turns)(at).as_quat())
     else:
         out = np.stack([np.interp(at, keys, track.values[:, 0, c]) for c in range(track.values.shape[-1])], axis=-1)
     if rotation:

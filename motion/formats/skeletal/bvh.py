@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from muybridge.arrays import FloatArray
 from muybridge.errors import FormatError, parsing
@@ -200,7 +200,8 @@ def _split_channels(
         turning = [k for k, name in enumerate(names) if name.endswith("rotation")]
         if turning and t_count:
             order = "".join(names[k][0] for k in turning).upper()
-            quat[:, j] = Rotation.from_euler(order, mine[:, turning], degrees=True).as_quat().reshape(t_count, 4)
+            turns = scipy.spatial.transform.Rotation.from_euler(order, mine[:, turning], degrees=True)
+            quat[:, j] = turns.as_quat().reshape(t_count, 4)
         place = np.tile(offset_of(joint), (t_count, 1))
         for k, name in enumerate(names):
             if name.endswith("position"):

@@ -3,7 +3,7 @@
 import warnings
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from muybridge.arrays import FloatArray
 
@@ -27,7 +27,8 @@ def smooth_euler(quat_xyzw: FloatArray, order: str) -> FloatArray:
         return np.zeros((t_count, j_count, 3))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock")  # the angles are right all the same
-        euler = Rotation.from_quat(quat_xyzw.reshape(-1, 4)).as_euler(order).reshape(t_count, j_count, 3)
+        turns = scipy.spatial.transform.Rotation.from_quat(quat_xyzw.reshape(-1, 4))
+        euler = turns.as_euler(order).reshape(t_count, j_count, 3)
     for t in range(1, t_count):
         one = euler[t]
         other = np.stack([one[:, 0] + np.pi, np.pi - one[:, 1], one[:, 2] + np.pi], axis=1)

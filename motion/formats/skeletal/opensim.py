@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from muybridge.arrays import FloatArray
 from muybridge.geometry.numerics.rotations import continuous_quat, matrix_from_quat, quat_from_matrix
@@ -130,7 +130,7 @@ def _zero_from_rest(skeleton: Skeleton, roles: Mapping[str, int]) -> dict[str, F
             bone = skeleton.offsets[children[0]] if children else skeleton.tips[j]
             if "arm" in part:
                 side = 1.0 if role.startswith("left") else -1.0
-                raised = Rotation.from_rotvec([0.0, -side * np.pi / 2, 0.0]).as_matrix()
+                raised = scipy.spatial.transform.Rotation.from_rotvec([0.0, -side * np.pi / 2, 0.0]).as_matrix()
                 out[role] = _swing(np.array([side, 0.0, 0.0]), bone) @ raised
             else:
                 out[role] = _swing(np.array([0.0, 0.0, -1.0]), bone)
@@ -146,7 +146,9 @@ def _swing(usual: FloatArray, bone: FloatArray) -> FloatArray:
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:
         return np.eye(3)
-    return np.asarray(Rotation.from_rotvec(axis / sine * np.arctan2(sine, usual @ bone / length)).as_matrix())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_rotvec(axis / sine * np.arctan2(sine, usual @ bone / length)).as_matrix()
+    )
 
 
 def _standing(motion: Motion, roles: Mapping[str, int]) -> dict[str, FloatArray]:
@@ -194,7 +196,7 @@ def motion_of(coordinates: Coordinates, skeleton: Skeleton) -> Motion:
 
     def turned(names: tuple[str, ...], signs: tuple[int, int, int] = (1, 1, 1)) -> FloatArray:
         angles = np.stack([at.get(n, nothing) for n in names], axis=1) * signs
-        return np.asarray(Rotation.from_euler("ZXY", angles).as_matrix())
+        return np.asarray(scipy.spatial.transform.Rotation.from_euler("ZXY", angles).as_matrix())
 
     zero = _zero_from_rest(skeleton, roles)
     ground = {"hips": turned(_PELVIS)}

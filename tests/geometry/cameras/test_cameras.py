@@ -265,9 +265,22 @@ def test_models_and_parameter_counts_are_pycolmap_s() -> None:
         assert list(reference.principal_point_idxs())[0] == len(reference.focal_length_idxs())
 
 
-def test_a_process_with_cameras_ends_when_it_is_asked_to():
+@pytest.mark.parametrize("call", ["look()", "t = threading.Thread(target=look); t.start(); t.join()"])
+def test_a_process_with_cameras_ends_when_it_is_asked_to(call: str) -> None:
     """pycolmap's own handler prints a stack instead, and can hang."""
-    code = "import os, signal, muybridge.geometry.cameras.camera as _; os.kill(os.getpid(), signal.SIGTERM)"
+    code = f"""
+import os, signal, sys, threading
+from muybridge.geometry.cameras.camera import Camera
+
+def look():
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]]
+    Camera("a", "PINHOLE", 640, 480, (500, 500, 319.5, 239.5), pose).unproject((1, 2))
+
+assert "pycolmap" not in sys.modules
+{call}
+assert "pycolmap" in sys.modules
+os.kill(os.getpid(), signal.SIGTERM)
+"""
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert ended.returncode == -signal.SIGTERM
     assert ended.stderr == ""

@@ -45,7 +45,7 @@ def test_normal_equations_without_a_jacobian():
     problem, pose = random_problem()
     points, jac = jacobian(problem, pose)
     matrices, slopes, cost = ik_kernel.normal_equations(
-        problem.chain, pose.root, pose.turn, pose.angles, problem.targets, problem.information
+        problem.chain, pose.root, pose.turn, pose.angles, problem.targets, problem.information, 0, len(points)
     )
     pulled = problem.information @ jac
     full = np.tril(matrices) + np.swapaxes(np.tril(matrices, -1), 1, 2)
@@ -58,7 +58,7 @@ def test_normal_equations_without_a_jacobian():
 def test_tree_sparse_factor_solves_and_inverts():
     problem, pose = random_problem(1)
     matrices, slopes, _ = ik_kernel.normal_equations(
-        problem.chain, pose.root, pose.turn, pose.angles, problem.targets, problem.information
+        problem.chain, pose.root, pose.turn, pose.angles, problem.targets, problem.information, 0, 1
     )
     n = slopes.shape[1]
     full = np.tril(matrices[0]) + np.tril(matrices[0], -1).T + np.eye(n)
