@@ -35,12 +35,12 @@ def length_equations(
             landmark_basis,
         )
     )
-    matrix, vector = _equations(problem.chain, turn, angles, target, information, joint_basis, landmark_basis)
+    matrix, vector = fill_equations(problem.chain, turn, angles, target, information, joint_basis, landmark_basis)
     return np.tril(matrix) + np.tril(matrix, -1).T, vector
 
 
 @compiled
-def _equations(
+def fill_equations(
     chain: Chain, turn: FloatArray, angles: FloatArray, target: FloatArray, information: FloatArray,
     joint_basis: FloatArray, landmark_basis: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip

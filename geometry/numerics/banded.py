@@ -37,13 +37,13 @@ def solve_damped(
     """
     factor = np.empty_like(band) if factor is None else factor
     step = np.empty(band.shape[0])
-    if not _solve(band, np.ravel(slope), np.ravel(held), damping, factor, step):
+    if not solve_band(band, np.ravel(slope), np.ravel(held), damping, factor, step):
         return None
     return step.reshape(slope.shape)
 
 
 @compiled
-def _solve(
+def solve_band(
     band: FloatArray, slope: FloatArray, held: BoolArray, damping: float, factor: FloatArray, step: FloatArray
 ) -> bool:
     size, width = band.shape

@@ -14,14 +14,14 @@ from muybridge.geometry.numerics._numba import compiled, leaf
 def inverses(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) inverses, by cofactors; not finite where singular."""
     flat = np.ascontiguousarray(matrices, dtype=np.float64).reshape(-1, 3, 3)
-    return np.asarray(_inverse_all(flat).reshape(matrices.shape))
+    return np.asarray(invert_all(flat).reshape(matrices.shape))
 
 
 def squared_distances(off: FloatArray, covariance: FloatArray) -> FloatArray:
     """(...) squared Mahalanobis lengths of vectors (..., 3) under covariances (..., 3, 3)."""
     vectors = np.ascontiguousarray(off, dtype=np.float64).reshape(-1, 3)
     matrices = np.ascontiguousarray(covariance, dtype=np.float64).reshape(-1, 3, 3)
-    return np.asarray(_distance_all(vectors, matrices).reshape(off.shape[:-1]))
+    return np.asarray(measure_all(vectors, matrices).reshape(off.shape[:-1]))
 
 
 def between(matrices: FloatArray, low: float, high: float) -> BoolArray:
@@ -59,7 +59,7 @@ def inverse_one(a: FloatArray, out: FloatArray) -> None:
 
 
 @compiled
-def _inverse_all(matrices: FloatArray) -> FloatArray:
+def invert_all(matrices: FloatArray) -> FloatArray:
     out = np.empty_like(matrices)
     for k in range(len(matrices)):
         inverse_one(matrices[k], out[k])
@@ -67,7 +67,7 @@ def _inverse_all(matrices: FloatArray) -> FloatArray:
 
 
 @compiled
-def _distance_all(vectors: FloatArray, matrices: FloatArray) -> FloatArray:
+def measure_all(vectors: FloatArray, matrices: FloatArray) -> FloatArray:
     out, inverse = np.empty(len(vectors)), np.empty((3, 3))
     for k in range(len(vectors)):
         inverse_one(matrices[k], inverse)

@@ -24,12 +24,13 @@ import numpy as np
 from muybridge.arrays import FloatArray
 from muybridge.geometry.calibration import load_calibration
 from muybridge.geometry.cameras import _pycolmap as pycolmap
-from muybridge.geometry.fitting import _banded_kernel, _chain_kernel
+from muybridge.geometry.fitting import _banded_kernel, _chain_kernel, bone_lengths
 from muybridge.geometry.fitting.body_fit import FitOptions, fitting_problem
 from muybridge.geometry.fitting.gauss_newton import Pose, landmark_positions, solve_in_stretches
 from muybridge.geometry.fitting.initial_pose import start_pose
 from muybridge.geometry.landmarks.arrays import Points3D
 from muybridge.geometry.landmarks.sets import BODY23
+from muybridge.geometry.numerics import banded, covariances
 from muybridge.geometry.numerics._numba import is_compiled
 from muybridge.geometry.skeleton.body import BODY, prior_shape
 from muybridge.geometry.smoothing import _kernel as smoothing_kernel
@@ -106,6 +107,7 @@ def compile_points() -> None:
     found = triangulate(cameras, px, np.where(np.isfinite(px).all(axis=-1), 1.0, np.nan))
     residual = np.full(found.inlier.shape, np.nan)
     smooth_points(Points3D(BODY23, found.points_world, found.covariance_world, residual, found.inlier, _FPS))
+    covariances.squared_distances(found.points_world, found.covariance_world)
 
 
 def compile_fit() -> None:
@@ -118,6 +120,9 @@ def compile_fit() -> None:
     )  # fmt: skip
     pose = solve_in_stretches(problem, Pose(*start_pose(BODY, shape, points)), 1)
     landmark_positions(problem, pose)
+    _chain_kernel.rotations_of(problem.chain, pose.turn, pose.angles)
+    bone_lengths.length_equations(problem, pose, BODY.joint_basis, BODY.landmark_basis)
+    covariances.inverses(covariance)
 
 
 def _true_landmarks(names: Sequence[str]) -> FloatArray:
@@ -136,10 +141,13 @@ class _Part(NamedTuple):
 # Parts that take about the same time, by the names that the processes are started with.
 _PARTS = {
     "points": _Part(
-        (triangulation_kernel.solve_points, smoothing_kernel.flipped_path, smoothing_kernel.smooth_all), compile_points
+        (triangulation_kernel.solve_points, smoothing_kernel.flipped_path, smoothing_kernel.smooth_all,
+         covariances.measure_all),
+        compile_points,
     ),
     "body": _Part(
-        (_banded_kernel.total_cost, _banded_kernel.assemble, _banded_kernel.hold, _chain_kernel.landmarks_of),
+        (_banded_kernel.total_cost, _banded_kernel.assemble, banded.solve_band, _chain_kernel.landmarks_of,
+         _chain_kernel.rotations_of, bone_lengths.fill_equations, covariances.invert_all),
         compile_fit,
     ),
 }
