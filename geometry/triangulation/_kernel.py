@@ -24,7 +24,7 @@ from muybridge.arrays import BoolArray, FloatArray, IntArray
 
 _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
-_MAX_ITERATIONS = 20
+_MAX_ITERATIONS = 60  # rarely more than 10, but many near the end of a second solution
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -220,8 +220,11 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
             step = inverse[k, 0] * gradient[0] + inverse[k, 1] * gradient[1] + inverse[k, 2] * gradient[2]
             trial[k] = point[k] - step
             decrease += step * gradient[k]
-        # Expected decrease of the loss, in squared sigmas: below this, the point no longer moves noticeably.
-        if decrease < 1e-4:
+        # Expected decrease of the loss, in squared sigmas: from here on the point moves by less than a thousandth of its
+        # uncertainty. The step is still taken: rounding alone may decide whether it is the last.
+        if decrease < 1e-6:
+            for k in range(3):
+                point[k] = trial[k]
             break
         loss, _ = score_of_point(views, trial, limits)
         if loss <= best:

@@ -1,7 +1,7 @@
 """How far the results of `muybridge run` move between processors, emulated on one.
 
-Usage: python -m scripts.benchmarks.takes.processors [SESSION] [--as rounding libraries graph] [--seeds 1] [--out FOLDER]
-       [-- OPTIONS OF run]
+Usage: python -m scripts.benchmarks.takes.processors [SESSION] [--as rounding libraries graph] [--seeds 1]
+       [--out FOLDER] [-- OPTIONS OF run]
 
 SESSION is a session folder; without one it is the balancing take. It is run once as it is, and once for every wish:
 
