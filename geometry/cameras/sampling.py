@@ -8,7 +8,7 @@ landmarks by tenths of a pixel. OpenCV's lookup of pixels by a table of places i
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ _SHARE_BITS = 11
 _FAR = float(2**15 - 1 << _PLACE_BITS)
 
 
-def warp(image: NDArray[Value], out_from_image: FloatArray, size: tuple[int, int]) -> NDArray[Value]:
+def warp(image: NDArray[Value], out_from_image: NDArray[Any], size: tuple[int, int]) -> NDArray[Value]:
     """An image through a homography, bilinear; black outside.
 
     Args:
@@ -61,7 +61,7 @@ def scaled_down(image: NDArray[Value], size: tuple[int, int]) -> NDArray[Value]:
     simple = across == down == 2  # exact in OpenCV too, and fast
     if image.dtype != np.uint8 or min(across, down) < 1 or simple:
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=image.dtype)
-    rows = np.ascontiguousarray(image).reshape(height, -1)
+    rows = np.ascontiguousarray(image).reshape(height, -1).astype(np.uint8, copy=False)
     channels = rows.shape[1] // width
     at, shares = _shares(width, size[0])
     at = (at[:, :, None] * channels + np.arange(channels)).reshape(len(at), -1)
@@ -76,10 +76,11 @@ def _shares(many: int, few: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """(n, few) pixels, of `many`, below each larger one, and their shares of it."""
     edges = np.arange(few + 1) * many / few
     at = np.floor(edges[:-1] + 1e-9) + np.arange(int(np.ceil(many / few)) + 1)[:, None]
-    inside = np.minimum(at + 1, edges[1:]) - np.maximum(at, edges[:-1])
-    shares = np.round(np.clip(inside, 0.0, None) * few / many * 2**_SHARE_BITS).astype(np.int32)
-    shares[at >= many] = 0
-    shares[shares.argmax(axis=0), np.arange(few)] += 2**_SHARE_BITS - shares.sum(axis=0, dtype=np.int32)
+    # Rounded up to each pixel's ends, not pixel by pixel: so the shares add up.
+    begin, end = (
+        np.round((np.clip(x, edges[:-1], edges[1:]) - edges[:-1]) * few / many * 2**_SHARE_BITS) for x in (at, at + 1)
+    )
+    shares = (end - begin).astype(np.int32)
     used = shares.any(axis=1)
     return np.minimum(at, many - 1).astype(np.int32)[used], shares[used]
 

@@ -220,8 +220,8 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
             step = inverse[k, 0] * gradient[0] + inverse[k, 1] * gradient[1] + inverse[k, 2] * gradient[2]
             trial[k] = point[k] - step
             decrease += step * gradient[k]
-        # Expected decrease of the loss, in squared sigmas: from here on the point moves by less than a thousandth of its
-        # uncertainty. The step is still taken: rounding alone may decide whether it is the last.
+        # Expected decrease of the loss, in squared sigmas: this step is a thousandth of the uncertainty at most and the
+        # last. It is still taken, because rounding alone may decide which one that is.
         if decrease < 1e-6:
             for k in range(3):
                 point[k] = trial[k]

@@ -47,7 +47,7 @@ def extract_crops(frame: ByteArray, crops: Crops, half: ByteArray | None = None)
         fine_from_crop = _scaling(fold, fold)
         fine = warp(image, fine_from_crop @ crop_from_image @ image_from_shrunk, (fold * size, fold * size))
         if fold > 1:
-            fine = cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA)
+            fine = np.asarray(cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
         pixels[index] = fine
     _blacken_behind(pixels, crops)
     return pixels

@@ -361,4 +361,5 @@ def _cropped_boxes(boxes: FloatArray) -> FloatArray:
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2
     cell = 2.0 ** np.floor(np.log2(2 * half.max(axis=1, keepdims=True))) / _GRID
+    half = np.maximum(half, cell)
     return np.concatenate([np.round((center - half) / cell) * cell, np.round((center + half) / cell) * cell], axis=1)

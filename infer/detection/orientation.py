@@ -130,7 +130,7 @@ class Letterbox:
         """(H, W, 3) to the canvas; the frame may be given averaged down."""
         shrinks = max(self.upright.width, self.upright.height) >= self.long_side
         small = _halved(frame, self.long_side)
-        small = scaled_down(small, self._scaled) if shrinks else cv2.resize(small, self._scaled)
+        small = scaled_down(small, self._scaled) if shrinks else np.asarray(cv2.resize(small, self._scaled), np.uint8)
         width, height = self.canvas
         if self.upright.angle == 0.0:
             canvas = np.zeros((height, width, 3), dtype=np.uint8)

@@ -5,10 +5,11 @@ Usage: python -m scripts.benchmarks.takes.processors [SESSION] [--as rounding li
 
 SESSION is a session folder; without one it is the balancing take. It is run once as it is, and once for every wish:
 
-- `rounding`: every output of a network and its input differ by a relative noise of 1e-6 and 1e-7, a few units in the
-  last place of float32, as where another order of additions or fused multiplications were used; once per seed;
+- `rounding`: every output of a network gets a relative noise of 1e-6, a few units in the last place of float32, as from
+  another order of additions or other fused multiplications; once per seed;
 - `libraries`: OpenBLAS, OpenCV, numba and numpy use the code for processors without AVX2 and fused multiplications;
-- `graph`: onnxruntime runs the networks without its optimisations, with other kernels.
+- `graph`: onnxruntime runs the networks without its optimisations. This computes the network of 8 bits in float32,
+  which is another network rather than another processor.
 
 Prints, for every stage in order, the largest difference from the first run, where it is, and how many values differ by
 more than the bar (0.3 mm in 3D, 0.1 px in an image). Runs are kept under --out and not repeated where they are there.
@@ -23,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,8 +35,8 @@ from scripts.benchmarks.common import DATA, print_header
 
 HERE = Path(__file__).resolve().parents[3]
 AS_IT_IS, ROUNDING, LIBRARIES, GRAPH = "as it is", "rounding", "libraries", "graph"
-# Relative noise of what networks are given and return.
-INPUT_NOISE, OUTPUT_NOISE = 0.0, 1e-6
+# Relative noise of what networks return.
+NOISE = 1e-6
 OLDER = {
     "OPENBLAS_CORETYPE": "Nehalem",
     "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX2,FP16,AVX",
@@ -161,31 +163,34 @@ def _once(out: str, wish: str, seed: int, arguments: list[str]) -> None:
     """Run a session as on another processor."""
     from muybridge.infer.commands.app import run_command
 
-    if wish == ROUNDING:
-        _add_noise(seed)
     if wish == GRAPH:
         _without_optimisations()
-    code = run_command(["run", *arguments, "--out", out, "--quiet", "--no-overlays"])
+    with rounding(seed) if wish == ROUNDING else nullcontext():
+        code = run_command(["run", *arguments, "--out", out, "--quiet", "--no-overlays"])
     if code:
         raise SystemExit(code)
 
 
-def _add_noise(seed: int) -> None:
-    """Let inputs and outputs of networks differ in the last places, by the seed and by their own values alone: the
-    same whichever thread comes first."""
+@contextmanager
+def rounding(seed: int) -> Iterator[None]:
+    """Let outputs of muybridge's networks differ in the last places, by the seed and by their values alone: the same
+    whichever thread comes first."""
     from muybridge.infer.networks import keypoints
 
     exact = keypoints.run_session
 
-    def noisy(values: Any, size: float) -> Any:
+    def noisy(values: Any) -> Any:
         rng = np.random.default_rng([seed, int(np.asarray(values).view(np.uint32).sum(dtype=np.uint64))])
-        return (values * (1 + size * rng.uniform(-1, 1, values.shape))).astype(np.float32)
+        return (values * (1 + NOISE * rng.uniform(-1, 1, values.shape))).astype(np.float32)
 
-    def run_session(session: Any, path: Path, outputs: list[str], inputs: dict[str, Any]) -> Any:
-        given = {name: noisy(values, INPUT_NOISE) for name, values in inputs.items()}
-        return [noisy(values, OUTPUT_NOISE) for values in exact(session, path, outputs, given)]
+    def run_session(*arguments: Any) -> Any:
+        return [noisy(values) for values in exact(*arguments)]
 
     keypoints.run_session = run_session
+    try:
+        yield
+    finally:
+        keypoints.run_session = exact
 
 
 def _without_optimisations() -> None:
