@@ -24,7 +24,7 @@ from muybridge.geometry.numerics._numba import compiled, leaf
 
 _BEHIND = 1e6  # u of a point that is not in front of a camera
 _MIN_DEPTH = 1e-6
-_MAX_ITERATIONS = 20
+_MAX_ITERATIONS = 60  # rarely more than 10, but many near the end of a second solution
 
 
 class Limits(NamedTuple):
@@ -218,8 +218,11 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
             step = inverse[k, 0] * gradient[0] + inverse[k, 1] * gradient[1] + inverse[k, 2] * gradient[2]
             trial[k] = point[k] - step
             decrease += step * gradient[k]
-        # Expected decrease of the loss, in squared sigmas: below this, the point no longer moves noticeably.
-        if decrease < 1e-4:
+        # Expected decrease of the loss, in squared sigmas: this step is a thousandth of the uncertainty at most and the
+        # last. It is still taken, because rounding alone may decide which one that is.
+        if decrease < 1e-6:
+            for k in range(3):
+                point[k] = trial[k]
             break
         loss, _ = score_of_point(views, trial, limits)
         if loss <= best:

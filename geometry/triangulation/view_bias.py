@@ -8,8 +8,8 @@ trunk, is the true one plus B_j u + b_j, with B_j (3 x 3) of small entries. Only
 the images, so b_j is set such that the mean over the take does not change; a bias common to all views is not
 observable.
 
-B_j is the mean of its Gaussian posterior; the prior's scale (one number for all landmarks) maximises the evidence of
-the take together with its own prior (MacKay 1992, "Bayesian interpolation").
+B_j is the mean of its posterior: Gaussian for a given scale of the prior (one number for all landmarks), averaged over
+scales by the evidence of the take and their own prior (MacKay 1992, "Bayesian interpolation").
 """
 
 from __future__ import annotations
@@ -200,15 +200,17 @@ def _normal_equations(
 
 
 def _most_likely(normal: FloatArray, right: FloatArray) -> tuple[float, FloatArray]:
-    """The scale of B_j's entries with the highest evidence, and the posterior means (J, 3, 3)."""
+    """The scale of B_j's entries and the posterior means (J, 3, 3), over all scales by their evidence: no scale wins by
+    a rounding."""
     values, vectors = np.linalg.eigh(normal)
     values, along = np.maximum(values, 0.0), np.einsum("jmn,jm->jn", vectors, right)
     size2 = _SIZES[:, None, None] ** 2
     evidence = 0.5 * (size2 * along**2 / (1 + size2 * values) - np.log1p(size2 * values)).sum((1, 2))
     evidence -= 0.5 * (np.log(_SIZES / _USUAL) / _USUAL_SPREAD) ** 2
-    best = int(evidence.argmax())
-    mean = np.einsum("jmn,jn->jm", vectors, along / (values + 1 / _SIZES[best] ** 2))
-    return float(_SIZES[best]), mean.reshape(-1, 3, 3)
+    share = np.exp(evidence - evidence.max())
+    share /= share.sum()
+    shrunk = np.einsum("k,kjn->jn", share, along / (values + 1 / size2))
+    return float(share @ _SIZES), np.einsum("jmn,jn->jm", vectors, shrunk).reshape(-1, 3, 3)
 
 
 def remove_view_bias(

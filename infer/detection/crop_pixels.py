@@ -7,6 +7,7 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, FloatArray, IndexArray
 from muybridge.geometry.cameras.crops import Crops
+from muybridge.geometry.cameras.sampling import warp
 
 # A crop that is this many times coarser than the frame is cut from a frame that is averaged down first: whole multiples
 # are averaged many times as fast as a finer crop is sampled.
@@ -44,12 +45,9 @@ def extract_crops(frame: ByteArray, crops: Crops, half: ByteArray | None = None)
             image, image_from_shrunk = _shrunk(frame, bounds[index], shrink)
         fold = int(np.ceil(coarseness[index] / shrink - 0.05))
         fine_from_crop = _scaling(fold, fold)
-        fine = cv2.warpPerspective(
-            image, fine_from_crop @ crop_from_image @ image_from_shrunk, (fold * size, fold * size),
-            flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0),
-        )  # fmt: skip
+        fine = warp(image, fine_from_crop @ crop_from_image @ image_from_shrunk, (fold * size, fold * size))
         if fold > 1:
-            fine = cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA)
+            fine = np.asarray(cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
         pixels[index] = fine
     _blacken_behind(pixels, crops)
     return pixels

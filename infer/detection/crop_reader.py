@@ -34,6 +34,9 @@ _REACH_ELSEWHERE = 0.04
 # Boxes narrower than this are widened: they are too small to show anything.
 _MIN_BOX_PX = 8.0
 
+# Edges of boxes are rounded to a grid of so many cells per power of two below their longer side.
+_GRID = 64
+
 # Smoothing of the landmarks' own boxes (seconds), and how many frames around a poor box are read again.
 _OWN_BOX_SMOOTHING = 0.067
 _REDO_AROUND = 3
@@ -138,7 +141,7 @@ class PoseReader:
             track: (K,) the track of each box; frames ascend within a track.
             boxes_px: (K, 4) upright px.
         """
-        boxes_px = _with_least_side(boxes_px)
+        boxes_px = _cropped_boxes(boxes_px)
         crops = self._crops(boxes_px)
         found = self._network.locate(self._pixels(pictures, frame, crops), series=Series(track, self._try_every))
         return self._poses(found, crops, boxes_px)
@@ -159,7 +162,7 @@ class PoseReader:
         for each in rows:
             chosen[each[::every]] = chosen[each[-1]] = True
         found = self(pictures, frame[chosen], track[chosen], boxes_px[chosen])
-        poses = scatter_poses(found, chosen, _with_least_side(boxes_px))
+        poses = scatter_poses(found, chosen, _cropped_boxes(boxes_px))
         read = chosen.copy()
         for each in rows:
             at = np.flatnonzero(chosen[each])
@@ -187,7 +190,7 @@ class PoseReader:
             pictures, frame, boxes_px: as above; frames ascend.
             expected: the prior for every box, in px of the frame.
         """
-        boxes_px = _with_least_side(boxes_px)
+        boxes_px = _cropped_boxes(boxes_px)
         crops = self._crops(boxes_px)
         in_crop = expected._replace(points_px=crops.to_crop(expected.points_px))
         one = Series(np.zeros(len(frame), dtype=np.int64), self._try_every)
@@ -213,7 +216,7 @@ class PoseReader:
 
     def coarseness(self, boxes_px: FloatArray) -> FloatArray:
         """(K,) pixels of the frame per pixel of a crop of these boxes (K, 4), upright px."""
-        return self._crops(_with_least_side(boxes_px)).image_px_per_crop_px
+        return self._crops(_cropped_boxes(boxes_px)).image_px_per_crop_px
 
     def _pixels(self, pictures: Pictures, frame: IndexArray, crops: Crops) -> ByteArray:
         return crop_pixels(pictures, self._backdrop, frame, crops, self._network.channels)
@@ -357,8 +360,15 @@ def _nan_extreme(points: FloatArray, extreme: np.ufunc) -> FloatArray:
     return np.asarray(extreme.reduce(points, axis=1), dtype=np.float64)
 
 
-def _with_least_side(boxes: FloatArray) -> FloatArray:
-    """The boxes, widened about their centres to a least side."""
+def _cropped_boxes(boxes: FloatArray) -> FloatArray:
+    """The boxes (K, 4) as they are cropped: widened about their centres to a least side, their edges rounded to a grid.
+
+    Boxes come from a network or from 3D points, whose last digits depend on the processor. A crop moved by a millionth
+    of a pixel has other values in a few pixels, and all activations of a network of 8 bits change by a rounding: its
+    landmarks by tenths of a pixel, some hypotheses altogether. Equal boxes give equal crops to the bit.
+    """
     center = (boxes[:, :2] + boxes[:, 2:]) / 2
     half = np.maximum(boxes[:, 2:] - boxes[:, :2], _MIN_BOX_PX) / 2
-    return np.concatenate([center - half, center + half], axis=1)
+    cell = 2.0 ** np.floor(np.log2(2 * half.max(axis=1, keepdims=True))) / _GRID
+    half = np.maximum(half, cell)
+    return np.concatenate([np.round((center - half) / cell) * cell, np.round((center + half) / cell) * cell], axis=1)

@@ -13,6 +13,7 @@ import numpy as np
 
 from muybridge.arrays import ByteArray, FloatArray
 from muybridge.geometry.cameras.camera import Camera
+from muybridge.geometry.cameras.sampling import scaled_down, warp
 from muybridge.infer.session.frame_copies import halved_to
 
 # A camera whose up direction is closer to its axis than this (sine) looks down on people: no image side is up.
@@ -129,8 +130,8 @@ class Letterbox:
     def apply(self, frame: ByteArray) -> ByteArray:
         """(H, W, 3) to the canvas; the frame may be given averaged down."""
         shrinks = max(self.upright.width, self.upright.height) >= self.long_side
-        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        small = cv2.resize(halved_to(frame, self.long_side), self._scaled, interpolation=method)
+        small = halved_to(frame, self.long_side)
+        small = scaled_down(small, self._scaled) if shrinks else np.asarray(cv2.resize(small, self._scaled), np.uint8)
         width, height = self.canvas
         if self.upright.angle == 0.0:
             canvas = np.zeros((height, width, 3), dtype=np.uint8)
@@ -145,8 +146,7 @@ class Letterbox:
         scale = self._canvas_px_per_px[:, None]
         canvas_from_small = scale * upright_from_small
         canvas_from_small[:, 2] -= scale[:, 0] * self.upright.bounds[:2] + 0.5
-        turned = cv2.warpAffine(small, canvas_from_small, (width, height), flags=cv2.INTER_LINEAR)
-        return np.asarray(turned, dtype=np.uint8)
+        return warp(small, canvas_from_small, (width, height))
 
     def boxes_to_upright(self, boxes: FloatArray) -> FloatArray:
         """(K, 4) boxes in canvas px to upright px."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from muybridge.arrays import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
+from muybridge.geometry.cameras.sampling import scaled_down, warp
 from muybridge.models.keypoints.decode import NO_IDEA, DecodedHeatmaps, count_located, in_part
 from muybridge.models.keypoints.metadata import KeypointModelCard, crop_side
 
@@ -203,7 +204,7 @@ def _tilt_crops(crops: NDArray[Value], rows: int, angle: float) -> NDArray[Value
     """Crops rotated about their centre by `angle`, radians, counter-clockwise as displayed; black beyond the border."""
     size = crops.shape[rows]
     matrix = cv2.getRotationMatrix2D(((size - 1) / 2, (size - 1) / 2), float(np.degrees(angle)), 1.0)
-    return _redraw(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
+    return _redraw(crops, rows, lambda p: warp(p, matrix, (size, size)))
 
 
 def _tilt_maps_back(maps: Float32Array, angle: float) -> Float32Array:
@@ -234,7 +235,7 @@ def _magnify_crops(crops: NDArray[Value], rows: int) -> NDArray[Value]:
     size = crops.shape[rows]
     shift = (size - 1) / 2 * (1 - 1 / _TIGHTER)
     matrix = np.array([[1 / _TIGHTER, 0, shift], [0, 1 / _TIGHTER, shift]])
-    return _redraw(crops, rows, lambda p: cv2.warpAffine(p, matrix, (size, size), flags=cv2.INTER_LINEAR))
+    return _redraw(crops, rows, lambda p: warp(p, matrix, (size, size)))
 
 
 def _shrink_maps_back(maps: Float32Array) -> Float32Array:
@@ -314,7 +315,7 @@ def at_side(read: Read[Value], side: int, rows: int) -> Read[Value]:
         size = crops.shape[rows]
         if side == size:
             return read(crops)
-        shrunk = _redraw(crops, rows, lambda p: cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA))
+        shrunk = _redraw(crops, rows, lambda p: scaled_down(p, (side, side)))
         maps = read(shrunk)
         return [_enlarge(m, m.shape[-1] * size // side) if m.ndim == 4 else m for m in maps]
 
