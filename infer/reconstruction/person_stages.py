@@ -1,5 +1,6 @@
 """What the stages of one person compute: functions of arrays, without the store."""
 
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -39,17 +40,20 @@ class _Selected:
 
 
 _latest: _Selected | None = None
+_selecting = threading.Lock()
 
 
 def select_once(cameras: CameraGroup, keypoints: Keypoints2D, options: TrackingOptions, fps: float) -> PersonSelection:
     """`select_person`, whose result for the latest arguments is remembered: the calibration is judged by the same
-    person whose motion is computed next."""
+    person whose motion is computed beside it."""
     global _latest
-    known, given = _latest, (options, fps)
-    if known is None or known.cameras is not cameras or known.keypoints is not keypoints or known.given != given:
-        known = _Selected(cameras, keypoints, given, select_person(cameras, keypoints, options, fps))
-        _latest = known
-    return known.selection
+    given = options, fps
+    with _selecting:
+        known = _latest
+        if known is None or known.cameras is not cameras or known.keypoints is not keypoints or known.given != given:
+            known = _Selected(cameras, keypoints, given, select_person(cameras, keypoints, options, fps))
+            _latest = known
+        return known.selection
 
 
 def person_of_interest(

@@ -21,6 +21,7 @@ from muybridge.geometry.sync.clocks import parabola
 
 _DOF = 3.0  # of the Student distribution: tails of the errors of 2D networks
 _ITERATIONS = 12
+_LEAST_GAIN = 1e-5  # nats an observation, of a step that is worth another
 _FEWEST_POINTS = 12
 _FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # bounds of a correction: turn, move, log focal
 _STEP = 1e-5  # for numerical derivatives: a share of the distance, and of the focal length
@@ -111,7 +112,7 @@ def fit_camera(
         squares = np.where(np.isfinite(error).all(-1), (error**2).sum(-1), 1e12)
         scale = student_scale(squares, scale)
         cost = float(student_cost(squares, scale).mean())
-        if cost > best - 1e-7:
+        if cost > best - _LEAST_GAIN:
             break
         best, total = cost, trial
         weight = (_DOF + 2) / (_DOF * scale**2 + squares)

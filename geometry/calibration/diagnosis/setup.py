@@ -53,6 +53,7 @@ class Take:
     noise_px: float = 0.0
     relative: float = field(init=False)
     folds: tuple[tuple[Part, Part], ...] = field(init=False)
+    _resampled: dict[tuple[int, float], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         late = (np.arange(len(self.frames)) * _BLOCKS // len(self.frames)) % 2 == 1
@@ -62,11 +63,18 @@ class Take:
         )
         self.relative = float(np.nanmedian(self.variance))
 
+    def scale_variance(self, factor: float) -> None:
+        """Multiply all variances."""
+        self.variance *= factor
+        self.relative *= factor
+        self._resampled.clear()
+
     def of(self, setup: Setup, c: int, shift: float | None = None) -> tuple[FloatArray, FloatArray]:
         """(K, J, 2) px and (K, J) variances of camera c under a setup, or at another time shift."""
-        row = setup.files[c]
-        times = self.frames + (setup.shifts[c] if shift is None else shift)
-        return resample(self.px[row], self.variance[row], 1.0, times)
+        at = setup.files[c], float(setup.shifts[c] if shift is None else shift)
+        if at not in self._resampled:
+            self._resampled[at] = resample(self.px[at[0]], self.variance[at[0]], 1.0, self.frames + at[1])
+        return self._resampled[at]
 
     def all(self, setup: Setup) -> tuple[FloatArray, FloatArray]:
         """(C, K, J, 2) px and (C, K, J) variances of all cameras under a setup."""
@@ -111,8 +119,7 @@ def take_of(
         noise, scale = take_noise(CameraGroup(tuple(cameras[k] for k in rest)), near[rest], spread[rest])
         levels.append((noise**2 + scale * float(np.nanmedian(spread)), noise, scale))
     _, take.noise_px, scale = min(levels)
-    take.variance *= scale
-    take.relative *= scale
+    take.scale_variance(scale)
     return take, ""
 
 
