@@ -21,7 +21,7 @@ from muybridge.geometry.sync.clocks import parabola
 
 _DOF = 3.0  # of the Student distribution: tails of the errors of 2D networks
 _ITERATIONS = 12
-_LEAST_GAIN = 1e-5  # nats an observation, of a step that is worth another
+_LEAST_GAIN = 1e-7  # nats an observation, of a step that is worth another
 _FEWEST_POINTS = 12
 _FARTHEST = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 1.0])  # bounds of a correction: turn, move, log focal
 _STEP = 1e-5  # for numerical derivatives: a share of the distance, and of the focal length
