@@ -10,7 +10,9 @@ with its traceback.
 """
 
 import ast
+import atexit
 import difflib
+import gc
 import importlib.metadata
 import importlib.util
 import logging
@@ -40,6 +42,9 @@ _ONE_THREAD = "OPENBLAS_NUM_THREADS"
 def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
     os.environ.setdefault(_ONE_THREAD, "1")
+    # At its end the interpreter would look for cycles among all that was loaded, which takes most of a second.
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)
     sys.exit(run_command(sys.argv[1:] if argv is None else list(argv)))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +23,7 @@ PROVIDERS = {
 # Packages in which onnxruntime has them.
 _PACKAGES = {"cuda": "onnxruntime-gpu", "directml": "onnxruntime-directml", "coreml": "onnxruntime on a Mac"}
 _CPU = "CPUExecutionProvider"
+_opening = threading.Lock()
 _ONLY_ERRORS = 4  # onnxruntime's "fatal": a damaged file is reported by us, in one line
 REMEDY = "name a model that muybridge exported, or leave the option out to use the shipped one"
 
@@ -51,7 +54,8 @@ def providers(device: Device, available: Sequence[str] | None = None) -> list[st
 def open_session(
     path: Path, threads: int = 1, device: Device = "cpu", unwanted: Sequence[str] = ()
 ) -> onnxruntime.InferenceSession:
-    """A session that does not compute the `unwanted` outputs.
+    """A session that does not compute the `unwanted` outputs; the same for equal arguments, since threads may share
+    one and opening it takes time.
 
     Args:
         path: of the network's file.
@@ -64,6 +68,16 @@ def open_session(
     """
     if not path.is_file():
         raise ModelError(f"{path}: no such model file; {REMEDY}")
+    about = path.stat()
+    with _opening:
+        return _open(path, (about.st_mtime_ns, about.st_size), threads, device, tuple(unwanted))
+
+
+@lru_cache(maxsize=4)
+def _open(
+    path: Path, version: tuple[int, int], threads: int, device: Device, unwanted: tuple[str, ...]
+) -> onnxruntime.InferenceSession:
+    """See `open_session`; `version` tells a file from one that was there before."""
     wished = providers(device)
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = threads
