@@ -95,7 +95,8 @@ class PeopleDetector:
         if not len(chosen):
             return
         self.passes += len(chosen)
-        pixels, difference = (np.stack([of(t) for t in chosen.tolist()]) for of in (frames.pixels, frames.difference))
+        pixels = np.stack([frames.pixels(t) for t in chosen.tolist()])
+        difference = np.stack([frames.difference(t) for t in chosen.tolist()])
         heatmap, box = self._network(pixels, difference)
         people = decode_people(heatmap, box, self._network.card.stride, self._options.min_score)
         for index, detected in zip(chosen, people, strict=True):

@@ -141,13 +141,24 @@ class _Part(NamedTuple):
 # Parts that take about the same time, by the names that the processes are started with.
 _PARTS = {
     "points": _Part(
-        (triangulation_kernel.solve_points, smoothing_kernel.flipped_path, smoothing_kernel.smooth_all,
-         covariances.measure_all),
+        (
+            triangulation_kernel.solve_points,
+            smoothing_kernel.flipped_path,
+            smoothing_kernel.smooth_all,
+            covariances.measure_all,
+        ),
         compile_points,
     ),
     "body": _Part(
-        (_banded_kernel.total_cost, _banded_kernel.assemble, banded.solve_band, _chain_kernel.landmarks_of,
-         _chain_kernel.rotations_of, bone_lengths.fill_equations, covariances.invert_all),
+        (
+            _banded_kernel.total_cost,
+            _banded_kernel.assemble,
+            banded.solve_band,
+            _chain_kernel.landmarks_of,
+            _chain_kernel.rotations_of,
+            bone_lengths.fill_equations,
+            covariances.invert_all,
+        ),
         compile_fit,
     ),
 }

@@ -246,9 +246,7 @@ def _shrink_maps_back(maps: Float32Array) -> Float32Array:
     return _resampled(maps, (np.arange(cells) - middle) / _TIGHTER + middle)
 
 
-def _neighbours_in_series(
-    uncertain: IndexArray, series: Series | None, times: int
-) -> tuple[IndexArray, IndexArray]:
+def _neighbours_in_series(uncertain: IndexArray, series: Series | None, times: int) -> tuple[IndexArray, IndexArray]:
     """(n,) and (n,): for each uncertain crop, the nearest crops of its series before and after it of those at every
     `times * series.every` places, the first among them; the crop itself if it is one of these."""
     before, after = uncertain.copy(), uncertain.copy()
