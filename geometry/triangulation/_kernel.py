@@ -170,8 +170,7 @@ def normal_equations(
     views: Views, point: FloatArray, limits: Limits, normal: FloatArray, gradient: FloatArray
 ) -> float:
     """Gauss-Newton matrix and gradient at `point`, reweighted by the loss; returns the loss."""
-    normal[:] = 0.0
-    gradient[:] = 0.0
+    normal[:], gradient[:] = 0.0, 0.0
     total = 0.0
     for c in views.use:
         p = views.poses[c]
@@ -218,8 +217,7 @@ def _refine(views: Views, point: FloatArray, limits: Limits, scratch: Scratch) -
             step = inverse[k, 0] * gradient[0] + inverse[k, 1] * gradient[1] + inverse[k, 2] * gradient[2]
             trial[k] = point[k] - step
             decrease += step * gradient[k]
-        # Expected decrease of the loss, in squared sigmas: this step is a thousandth of the uncertainty at most and the
-        # last. It is still taken, because rounding alone may decide which one that is.
+        # Expected decrease of the loss, in squared sigmas. The last step is taken: rounding may decide which it is.
         if decrease < 1e-6:
             for k in range(3):
                 point[k] = trial[k]
