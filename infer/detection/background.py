@@ -136,8 +136,8 @@ class SmallFrames:
     frames: ByteArray
     letterbox: Letterbox
     plate: ByteArray | None = None
-    _pixels: dict[int, ByteArray] = field(default_factory=dict)
-    _difference: dict[int, Float32Array] = field(default_factory=dict)
+    _pixels: dict[int, ByteArray] = field(init=False, default_factory=dict)
+    _difference: dict[int, Float32Array] = field(init=False, default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.frames)

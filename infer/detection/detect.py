@@ -300,7 +300,7 @@ class _CameraWork:
                 for k, frame in enumerate(frames):
                     repeats.add(frame if half is None else half[k])
                     if half is not None:
-                        copies.add(_averaged(half[k], smaller - 1))
+                        copies.add(half[k])
                     if stretch_contrast(frame):
                         stretched = True
                         if half is not None:
@@ -332,12 +332,6 @@ def _all_halved(frames: ByteArray, memory: ByteArray | None) -> ByteArray:
     for frame, half in zip(frames, out, strict=True):
         halved(frame, half)
     return out
-
-
-def _averaged(image: ByteArray, times: int) -> ByteArray:
-    for _ in range(times):
-        image = halved(image)
-    return image
 
 
 def _tracks(stage: StageResult, models: Models) -> CameraTracks:

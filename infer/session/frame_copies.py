@@ -69,9 +69,10 @@ class CopyWriter:
         return self
 
     def add(self, image: ByteArray) -> None:
-        """Add one small (h, w, 3) RGB frame."""
+        """Add one (H, W, 3) RGB frame, as it is or halved already."""
         if self._file is None or self._size > self._most:
             return
+        image = halved_to(image, _LEAST_SIDE_PX)
         quality = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
         data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)[1].tobytes()
         self._size += len(data)

@@ -132,12 +132,12 @@ def _rotate(
             out[better] = np.rot90(back, -turn, axes=(2, 3)) if back.ndim == 4 else back
 
     before, after = _neighbours_in_series(uncertain, series, 1)
-    sampled = (before == uncertain) | (after == uncertain)
+    sampled = before == uncertain
     # A few tell whether any orientation helps a series.
-    first = np.isin(uncertain, np.concatenate(_neighbours_in_series(uncertain, series, _FIRST_TRIED)))
+    first = _neighbours_in_series(uncertain, series, _FIRST_TRIED)[0] == uncertain
     for turn in (1, 2, 3):
-        attempt(turn, uncertain[sampled & first])
-    if series is not None and not first.all():
+        attempt(turn, uncertain[first])
+    if series is not None:
         number = series.number[uncertain]
         promising = np.isin(number, number[quarters[uncertain] > 0])
         for turn in (1, 2, 3):
